@@ -205,7 +205,7 @@ class _Stand:
         picture = self.plate.copy()
         try:
             camera = self._camera(choice)
-        except SceneError:
+        except (SceneError, UsageError):
             return picture, False
         if self.grid:
             spacing = float(np.ptp(self.vertices[:, 1])) or 1.0

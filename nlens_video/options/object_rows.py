@@ -74,7 +74,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--horizon", PLACED, "H", read.number,
                "row of the plate's horizon (default: that of its solved camera; of streams 0.5)",
                feeds="placing.horizon", parameter=True),
-        Option("--roll", SHOT, "DEG", read.between(-45, 45, "an angle from -45 to 45 degrees"),
+        Option("--roll", PLACED, "DEG", read.between(-45, 45, "an angle from -45 to 45 degrees"),
                "how steeply that horizon falls to the right, in degrees (default 0)",
                feeds="placing.roll_deg", parameter=True),
     ),

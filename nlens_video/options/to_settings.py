@@ -113,7 +113,9 @@ def place_settings(args: argparse.Namespace) -> tuple[ObjectSettings, Placement]
     """The object of `place`, and the placement that is varied."""
     playback = Playback(**_given(args, "playback"))
     objects = ObjectSettings(**_given(args, "scene"), playback=playback)
-    return objects, replace(_START, **_given(args, "placing"))
+    placing = _given(args, "placing")
+    _check_roll(placing)
+    return objects, replace(_START, **placing)
 
 
 def _given(args: argparse.Namespace, owner: str) -> dict[str, Any]:
@@ -163,12 +165,16 @@ def _placings(
         return None, None
     if args.camera is not None:
         raise UsageError("--camera and --at place the object twice; leave one of them out")
-    horizon, roll_deg = place.pop("horizon", None), place.pop("roll_deg", None)
-    if horizon is None and roll_deg is not None:
-        raise UsageError("--roll is that of a given horizon; give --horizon H too")
+    _check_roll(place)
+    horizon, roll_deg = place.pop("horizon", None), place.pop("roll_deg", 0.0)
     wish = GroundPlacing(**place, **ground)
     if horizon is None:
         return None, wish
     if file is not None:
         raise UsageError("--camera-from gives the horizon; leave --horizon out")
-    return wish.under(horizon, roll_deg or 0.0), None
+    return wish.under(horizon, roll_deg), None
+
+
+def _check_roll(place: dict[str, Any]) -> None:
+    if "roll_deg" in place and "horizon" not in place:
+        raise UsageError("--roll is that of a given horizon; give --horizon H too")

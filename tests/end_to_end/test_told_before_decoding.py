@@ -124,6 +124,7 @@ def test_encoder_without_its_hardware_is_refused_before_decoding(shot, tmp_path)
         (["--at", "400,300", "--size", "0.3"], "--at 400,300 is far off; expected fractions"),
         (["--at", "0.5,0.8", "--size", "300"], "--size 300 is a share of the frame's height"),
         (["--at", "0.5,0.8", "--size", "0.3", "--horizon", "-540"], "--horizon -540 is far off"),
+        (["--at", "0.5,0.8", "--size", "0.3", "--roll", "5"], "give --horizon H too"),
     ],
 )
 def test_placement_in_pixels_is_refused(shot, tmp_path, place, words):
