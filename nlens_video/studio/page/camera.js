@@ -106,7 +106,7 @@ export class PlateLines {
     const at = this.all.findIndex((line) => this.chosen && alike(this.chosen, line));
     select.value = at < 0 ? "" : String(at);
     const button = /** @type {HTMLButtonElement} */ (one("toggle-line"));
-    button.disabled = at < 0;
+    button.disabled = !this.chosen; // also while a line that is taken again is not found yet: it keeps the focus
     button.textContent = at >= this.found.length ? "Take again" : "Leave out";
   }
 
