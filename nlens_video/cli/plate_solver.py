@@ -26,7 +26,7 @@ from nlens_video.report.camera import PlatePicture
 from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
 from nlens_video.run.open_run import opened
-from nlens_video.solve.evidence import Reprojection, reproject
+from nlens_video.solve.evidence import Reprojection, doubted_where_steep, reproject
 from nlens_video.solve.focal import KnownFov
 from nlens_video.solve.free_place import chosen_place
 from nlens_video.solve.marker_fit import metric_camera
@@ -98,7 +98,7 @@ def solve_plate(
             on_progress(len(frames), info.frame_count)
     if not frames:
         raise UsageError(f"--range {start}:{end or ''}: the source has no such frames")
-    camera = solver.solve()
+    camera = doubted_where_steep(solver.solve(), solver.segments)
     tracked = reproject(solver.seen, solver.times_s, camera)
     error = tracked.median_px
     method = f"{camera.method}{said}" if camera.fov == "metadata" else camera.method

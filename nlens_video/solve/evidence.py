@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nlens_video.cameras.solved import SolvedCamera, undistorted
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.points.observations import Ints, Observations
 from nlens_video.solve.still.segments import Segments
@@ -21,6 +21,7 @@ _AMBIGUOUS = np.radians(3.0)  # an upright segment so near to a horizontal direc
 _STEP = 0.02  # between places along a segment, by the frame's height
 _FEWEST = 3  # segments that make a horizontal direction
 _MOST_DIRECTIONS = 4
+_STEEP_DEG, _STEEP_ERROR_DEG = -40.0, 20.0  # pitch that uprights must confirm; its error without
 _ASIDE, _BEYOND, _BEFORE = 0.25, 0.12, 0.2  # of a place: lines that tell whether it is ground
 _FEWEST_NEAR, _LEAST_LENGTH = 3, 0.12  # lines of a direction there; their length by the width
 _GROUND_DIRECTIONS = 2
@@ -169,6 +170,25 @@ def line_groups(segments: Segments, camera: Camera) -> Ints:
     return _grouped(segments, camera)[0]
 
 
+def doubted_where_steep(solved: SolvedCamera, segments: Segments) -> SolvedCamera:
+    """A camera that looks down steeply, its horizon assumed where no line shows the vertical.
+
+    Squares on a wall, or on the sides of a bridge, that the camera faces look like a floor seen
+    from above. What stands upright on a floor tells them apart.
+
+    Args:
+        solved: a camera, at the size of the picture.
+        segments: of its first picture.
+    """
+    first = solved.keys[0]
+    if solved.path == "moving" or solved.horizon != "measured" or first.pitch_deg > _STEEP_DEG:
+        return solved
+    if np.count_nonzero(_upright(segments, solved.at(first.pts_s))) >= _FEWEST:
+        return solved
+    errors = replace(solved.errors, pitch_deg=max(solved.errors.pitch_deg, _STEEP_ERROR_DEG))
+    return replace(solved, horizon="assumed", errors=errors)
+
+
 def standing_points(segments: Segments, camera: Camera) -> Float64:
     """Places along the upright edges of a picture (M, 2) [px]: what shows them is no ground.
 
@@ -179,14 +199,10 @@ def standing_points(segments: Segments, camera: Camera) -> Float64:
         segments: of the picture.
         camera: at the picture's size.
     """
-    groups, directions = _grouped(segments, camera)
-    upright = groups == VERTICAL
-    for direction in directions:
-        upright &= _angles(segments, camera, direction) > _AMBIGUOUS
     step = _STEP * camera.height
     found = [
         one + share * (other - one)
-        for one, other in segments.ends[upright]
+        for one, other in segments.ends[_upright(segments, camera)]
         for share in np.linspace(0.0, 1.0, 1 + math.ceil(float(np.linalg.norm(other - one)) / step))
     ]
     return np.array(found).reshape(-1, 2)
@@ -219,6 +235,15 @@ def shows_ground(
     found = [near & (groups == number) for number in range(1, _MOST_DIRECTIONS + 1)]
     told = [one.sum() >= _FEWEST_NEAR and share[one].sum() > _LEAST_LENGTH for one in found]
     return bool(sum(told) >= _GROUND_DIRECTIONS)
+
+
+def _upright(segments: Segments, camera: Camera) -> Bool:
+    """Which segments are upright, and not as well along a horizontal direction (N,)."""
+    groups, directions = _grouped(segments, camera)
+    upright = groups == VERTICAL
+    for direction in directions:
+        upright &= _angles(segments, camera, direction) > _AMBIGUOUS
+    return np.asarray(upright)
 
 
 def _grouped(segments: Segments, camera: Camera) -> tuple[Ints, list[Float64]]:

@@ -7,8 +7,15 @@ import pytest
 from support.camera_paths import SIZE, focal_of, project, rotation
 from support.seen_points import observed
 
-from nlens_video.cameras.solved import CameraKey, SolvedCamera
-from nlens_video.solve.evidence import CLUTTER, VERTICAL, line_groups, reproject, shows_ground
+from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
+from nlens_video.solve.evidence import (
+    CLUTTER,
+    VERTICAL,
+    doubted_where_steep,
+    line_groups,
+    reproject,
+    shows_ground,
+)
 from nlens_video.solve.still.segments import Segments
 
 FOV_DEG = 50.0
@@ -134,3 +141,25 @@ def test_a_horizon_that_is_assumed_tells_no_ground_by_its_lines():
 )
 def test_a_path_a_scale_or_blur_tells_the_ground(change):
     assert told(WALL, replace(SURE, horizon="assumed", **change))
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "posts", "expected"),
+    [(-45.0, 0, "assumed"), (-45.0, 4, "measured"), (-30.0, 0, "measured")],
+)
+def test_steep_view_without_anything_upright_may_be_of_a_wall(pitch_deg, posts, expected):
+    turn, eye = rotation(0.2, np.radians(pitch_deg), 0.0), np.array([0.0, 3.0, 0.0])
+    corners = [(x, 0.0, z) for x in (-1.0, 0.0, 1.0) for z in (-2.0, -3.0, -4.0)]
+    starts = [c for c in corners for _ in range(2)]
+    ends = [(x + dx, y, z + dz) for x, y, z in corners for dx, dz in ((0.8, 0.0), (0.0, 0.8))]
+    starts += [(0.3 * n - 0.7, 0.0, -2.7) for n in range(posts)]
+    ends += [(0.3 * n - 0.7, 0.5, -2.7) for n in range(posts)]
+    lines = np.stack(
+        [project(np.array(one), turn, eye, FOV_DEG)[0] for one in (starts, ends)], axis=1
+    )
+    errors = CameraErrors(fov_deg=1.0, pitch_deg=0.2, roll_deg=0.2)
+    camera = replace(camera_of([(turn, eye)]), path="still", horizon="measured", errors=errors)
+    found = doubted_where_steep(camera, Segments(lines, np.full(len(lines), 0.5)))
+    assert found.horizon == expected
+    assert found.errors.pitch_deg == pytest.approx(0.2) or expected == "assumed"
+    assert found.errors.pitch_deg >= 10.0 or expected == "measured"

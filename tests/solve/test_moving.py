@@ -16,7 +16,7 @@ KEYFRAMES = FRAMES[::3] + FRAMES[-1:]
 FOV_DEG = 52.0
 
 
-def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0):
+def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0, way=1.0, sway=0.0):
     """Observations of a camera that walks over a ground with things on it, poses, focal lengths."""
     rng = np.random.default_rng(5)
     ground = np.column_stack([rng.uniform(-4, 4, 500), np.zeros(500), rng.uniform(-10, 0, 500)])
@@ -33,7 +33,8 @@ def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0):
         pose[:3, :3] = rotation(
             turning * math.radians(-6 + 12 * share), math.radians(-15), math.radians(1.2)
         )
-        pose[:3, 3] = (-0.4 + 0.8 * share, 1.25, 2.2 - 0.5 * share)
+        pose[:3, 3] = (way * (-0.4 + 0.8 * share), 1.25, 2.2 - way * 0.5 * share)
+        pose[:3, 3] += sway * np.sin(share * np.array([7.0, 13.0, 10.0]) + (0.0, 1.0, 2.0))
         poses.append(pose)
         focal = focal_of(FOV_DEG) * zoom ** (share**2 * (3.0 - 2.0 * share))
         focals.append(focal)
@@ -136,6 +137,15 @@ def test_zoom_is_followed_while_the_camera_walks():
 def test_thing_that_walks_through_the_picture_is_left_out():
     seen, poses, focals = walk(walkers=200)
     assert followed_px(solved(seen), poses, focals) < 0.3
+
+
+@pytest.mark.slow
+def test_camera_held_by_hand_is_followed_while_somebody_walks_before_it():
+    seen, poses, focals = walk(walkers=60, way=0.0, sway=0.05)
+    part = solved(seen)
+    assert part.focals_px == pytest.approx(focals, rel=0.01)
+    assert len(part.points) > 450
+    assert followed_px(part, poses, focals) < 0.3
 
 
 @pytest.mark.slow

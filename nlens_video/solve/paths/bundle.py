@@ -73,6 +73,15 @@ class Bundle:
         """Median distance of an observation from its model [px]."""
         return float(np.nanmedian(self.errors_px()))
 
+    @property
+    def unexplained_px(self) -> float:
+        """Mean distance of the observations from their model, at most 3 px each [px].
+
+        One whose point is not solved is as far off.
+        """
+        errors = np.nan_to_num(self.errors_px(), nan=_FARTHEST_PX)
+        return float(np.minimum(errors, _FARTHEST_PX).mean())
+
     def stretched(self, focal_px: float) -> Bundle:
         """The same pictures seen with another focal length, where the camera does not turn.
 

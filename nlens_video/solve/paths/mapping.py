@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.points.observations import Ints, Table
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ _WELL_SHARED = 200
 _LEAST_RIGID = 0.4  # of them, on things that stand still
 _EPIPOLAR_PX = 1.5
 _TRIALS = 300  # of random samples
+_NARROW_BEGUN_DEG, _NARROW_DEG = 0.6, 0.3  # between rays to a point, of a path that is narrow
 _START_FOV_DEG = 53.0  # of the search, where nothing is known
 
 
@@ -53,8 +54,9 @@ class Structure:
 
 
 def map_keyframes(
-    table: Table, count: int, size: tuple[int, int], focal_px: float | None, *, zooms: bool = False
-) -> Structure | None:
+    table: Table, count: int, size: tuple[int, int], focal_px: float | None, *,
+    zooms: bool = False, narrow: bool = False,
+) -> Structure | None:  # fmt: skip
     """Structure from motion on keyframes.
 
     Args:
@@ -63,9 +65,10 @@ def map_keyframes(
         size: columns and rows [px].
         focal_px: focal length where it is known [px].
         zooms: each keyframe has a focal length of its own.
+        narrow: points count that are seen under a fraction of a degree.
 
     Returns:
-        None where fewer than half of the keyframes can be solved together.
+        None where fewer than half of the keyframes can be solved together, or few points.
     """
     import pycolmap
 
@@ -93,13 +96,13 @@ def map_keyframes(
                 database.write_two_view_geometry(ids[first], ids[second], geometry)
         # What COLMAP begins with by itself may be two keyframes with too little parallax.
         widest = max(pairs, key=lambda pair: pairs[pair].parallax_px())
-        options = _options(focal_px)
+        options = _options(focal_px, narrow=narrow)
         options.init_image_id1, options.init_image_id2 = (ids[place] for place in widest)
         models = pycolmap.incremental_mapping(str(path), name, name, options)
     if not models:
         return None
     model = max(models.values(), key=lambda one: one.num_reg_images())
-    if 2 * model.num_reg_images() < count:
+    if 2 * model.num_reg_images() < count or model.num_points3D() < _LEAST_SHARED:
         return None
     return Structure(
         model, {image: place for place, image in ids.items()},
@@ -115,12 +118,14 @@ class _Shared:
         matches: their places in both (M, 2), those that one motion explains.
         before: positions in the first keyframe (K, 2), of all [px].
         after: positions in the second (K, 2) [px].
+        rigid: which of them one motion explains (K,).
         fundamental: the motion (3, 3).
     """
 
     matches: npt.NDArray[np.uint32]
     before: Float64
     after: Float64
+    rigid: Bool
     fundamental: Float64
 
     @classmethod
@@ -135,20 +140,25 @@ class _Shared:
         )
         if matrix is None or inside.sum() < max(_LEAST_SHARED, _LEAST_RIGID * len(one)):
             return None
-        matches = np.column_stack([one, two])[inside.ravel() == 1].astype(np.uint32)
-        return cls(matches, before, after, np.asarray(matrix, np.float64))
+        rigid = inside.ravel() == 1
+        matches = np.column_stack([one, two])[rigid].astype(np.uint32)
+        return cls(matches, before, after, rigid, np.asarray(matrix, np.float64))
 
     def parallax_px(self) -> float:
-        """How far points move against each other, less where they are few [px]."""
-        plane, _ = cv2.findHomography(self.before, self.after, cv2.RANSAC, 2.0, maxIters=_TRIALS)
+        """How far points that stand still move against each other, less where they are few [px].
+
+        What moves by itself would have the most of it.
+        """
+        before, after = self.before[self.rigid], self.after[self.rigid]
+        plane, _ = cv2.findHomography(before, after, cv2.RANSAC, 2.0, maxIters=_TRIALS)
         if plane is None:
             return 0.0
-        moved = np.column_stack([self.before, np.ones(len(self.before))]) @ plane.T
-        away = np.linalg.norm(self.after - moved[:, :2] / moved[:, 2:], axis=1)
+        moved = np.column_stack([before, np.ones(len(before))]) @ plane.T
+        away = np.linalg.norm(after - moved[:, :2] / moved[:, 2:], axis=1)
         return float(np.quantile(away, 0.8) * min(1.0, len(away) / _WELL_SHARED))
 
 
-def _options(focal_px: float | None) -> pycolmap.IncrementalPipelineOptions:
+def _options(focal_px: float | None, *, narrow: bool) -> pycolmap.IncrementalPipelineOptions:
     import pycolmap
 
     options = pycolmap.IncrementalPipelineOptions()
@@ -160,6 +170,9 @@ def _options(focal_px: float | None) -> pycolmap.IncrementalPipelineOptions:
     options.ba_refine_focal_length = focal_px is None
     options.mapper.init_max_forward_motion = 1.0
     options.mapper.init_min_tri_angle = 2.0
+    if narrow:
+        options.mapper.init_min_tri_angle = _NARROW_BEGUN_DEG
+        options.mapper.filter_min_tri_angle = options.triangulation.min_angle = _NARROW_DEG
     options.mapper.init_min_num_inliers = 40
     options.mapper.abs_pose_min_num_inliers = 15
     return options

@@ -16,6 +16,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import Float64
 from nlens_video.solve.paths.bundle import Bundle, bundle_of, turn_error
 from nlens_video.solve.paths.mapping import map_keyframes
+from nlens_video.solve.paths.narrow import narrow_bundles
 from nlens_video.solve.paths.rotation import (
     RotationPath,
     point_directions,
@@ -30,6 +31,7 @@ _BETTER = 0.6  # of the residual with one focal length, with one for each keyfra
 _WORST_PX = 1.0  # of a reconstruction that is believed
 _LEAST_ZOOM = 0.02  # change of the focal length that is no error [1]
 _ZOOM_GAIN = 0.8  # of the cost with one focal length
+_EXPLAINED = 0.5  # share of the observations that a path explains, unless it is narrow
 _LEAST_SEEN = 12  # points that a frame is resected from
 _FEWEST_POINTS = 30  # of a frame that shows texture
 _SEEN_OFTEN = 3  # keyframes that show a point of a path
@@ -128,18 +130,31 @@ class PartSolver:
                 return self.turning(keyframes, rotation)
             return bundle
         check_installed()
-        bundle = self._bundle(keyframes, focal_px)
+        bundle = self._bundle(keyframes, focal_px, narrow=True)
         if bundle is None or bundle.residual_px > _WORST_PX:
             raise InputError(self._why(keyframes))
         return bundle
 
-    def _bundle(self, keyframes: list[int], focal_px: float | None) -> Bundle | None:
-        """Keyframes with one focal length, or one for each where that fits far better."""
+    def _bundle(
+        self, keyframes: list[int], focal_px: float | None, *, narrow: bool = False
+    ) -> Bundle | None:
+        """Keyframes with one focal length, or one for each where that fits far better.
+
+        Args:
+            keyframes: at least two, in order.
+            focal_px: focal length where it is known [px].
+            narrow: a path that hardly leaves its place counts too.
+        """
         table, count = self.seen.table(keyframes, _SEEN_OFTEN), len(keyframes)
         free = focal_px is None
         structure = map_keyframes(table, count, self.size, focal_px)
+        found = []
         if structure is not None:
-            bundle = bundle_of(structure, table, self.size, count).adjusted(focal=free)
+            found.append(bundle_of(structure, table, self.size, count).adjusted(focal=free))
+        if narrow and not any(one.believed().mean() > _EXPLAINED for one in found):
+            found += narrow_bundles(table, count, self.size, focal_px)
+        if found:
+            bundle = min(found, key=lambda one: one.unexplained_px)
             used = bundle.believed()
             zoomed = bundle.adjusted(zooms=True, used=used)
             change = float(np.ptp(np.log(zoomed.focals_px)))
