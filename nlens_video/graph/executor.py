@@ -18,7 +18,8 @@ from nlens_video.graph.base.values import FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.scheduler import Worker
-from nlens_video.stages.r_lens_track import FitTrack, LiveLens
+from nlens_video.stages.r_lens_change import LiveLens
+from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceFrame
 
 _SHOT_PORTS = tuple(one.name for one in fields(ShotValues))

@@ -27,7 +27,7 @@ from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.r_lens_track import LiveLens
+from nlens_video.stages.r_lens_change import LiveLens
 
 _WITH_BACKEND = ("estimate-coc", "render", "reblur", "lens-sampling")
 

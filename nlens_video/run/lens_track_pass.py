@@ -7,6 +7,7 @@ pass alone, and its lens is fitted in the run itself.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, takewhile
@@ -20,6 +21,7 @@ from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.open_run import open_run, opened
+from nlens_video.run.shot_slope import ShotSlope
 from nlens_video.stages.r_lens_change import (
     CHANGED,
     Signature,
@@ -39,6 +41,7 @@ _SMOOTHING_S = 0.1  # standard deviation of the smoothing of fits over time [s]
 _SETTLED_S = 0.5  # time since the last fit after which a smaller change counts as well [s]
 _SETTLED_CHANGE = 0.4 * CHANGED
 _BEGUN = 0.3 * CHANGED  # less than this is noise, and the lens rests
+_QUICK = 2.0 * CHANGED  # from one look to the next: the focus is racked
 _MOST_BETWEEN = 8  # frames kept from where a change begins to where it is told
 _MOST_DEVIATION = 3.0  # of a fit of unresolved sign from the one before [standard error]
 
@@ -52,12 +55,14 @@ class FitRequest:
         shot: number of the shot [1].
         seen: its signature.
         until: last frame seen on which the blur is still the same [1].
+        quick: whether the blur changes so fast there that each frame is fitted.
     """
 
     index: int
     shot: int
     seen: Signature
     until: int
+    quick: bool = False
 
 
 def lens_track_pass(
@@ -142,8 +147,16 @@ class _Scan:
         if (index - last.index) % _EVERY and self._every is None:
             self._skipped.append((index, picture))
             return
-        now = FitRequest(index, last.shot, signature(picture), index)
-        if is_cut(before.seen, now.seen):
+        seen = signature(picture)
+        cut = is_cut(before.seen, seen)
+        quick = not cut and self._every is None and changed(before.seen, seen) > _QUICK
+        now = FitRequest(index, last.shot, seen, index, quick)
+        if quick:
+            self._between += [
+                replace(now, index=at, until=at, seen=signature(skipped))
+                for at, skipped in self._skipped
+            ]
+        if cut:
             first = _first_after_cut(before.seen, now.seen, self._skipped, index)
             self._skipped = [item for item in self._skipped if item[0] < first]
             self.end_shot()
@@ -182,10 +195,10 @@ class _Scan:
 
 
 def _spaced(requests: list[FitRequest], last: int, frame_s: float) -> Iterator[FitRequest]:
-    """Those requests that are far enough from the one before them, and the last."""
+    """Those requests that are far enough from the one before them, quick ones, and the last."""
     spacing = max(1, round(_SPACING_S / frame_s))
     for request in requests:
-        if request.index - last >= spacing or request is requests[-1]:
+        if request.quick or request.index - last >= spacing or request is requests[-1]:
             last = request.index
             yield request
 
@@ -221,6 +234,7 @@ def _keyframes(settings: Settings, requests: list[FitRequest]) -> Iterator[Keyfr
     ranged = replace(settings.source, frames=(0, max(wanted) + 1))
     run = replace(settings, source=ranged, effects="defocus", fallback="none")
     known: LensFit | None = None
+    slopes: defaultdict[int, ShotSlope] = defaultdict(ShotSlope)
     with open_run(run, Profiler()) as run_input:
         executor = run_input.session.executor
         # no lookahead: the mean of later frames would lag behind a lens that changes
@@ -229,16 +243,19 @@ def _keyframes(settings: Settings, requests: list[FitRequest]) -> Iterator[Keyfr
                 continue
             signals.check()
             state = executor.begin_frame(item)
+            shot = wanted[item.index].shot
             try:
                 fit = executor.find_lens(state)
             except LensFitError:
                 continue
             finally:
                 executor.profiler.close_frame(item.index, 0)
+            if state.values.found_lens is not None:
+                fit = slopes[shot].lend(state.values.found_lens)
             if fit is None or (known is not None and _doubtful(known, fit)):
                 continue
             known = fit
-            yield Keyframe(item.index, wanted[item.index].shot, fit)
+            yield Keyframe(item.index, shot, fit)
 
 
 def _told_changes(keys: tuple[Keyframe, ...], requests: list[FitRequest]) -> tuple[Keyframe, ...]:

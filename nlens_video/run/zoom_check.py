@@ -14,11 +14,12 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
+from nlens_video.run.breathing import Breathing
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.tracks import luma_of
 
-_EVERY_S = 0.5
-_TOLERATED = 0.03  # of the size: focus breathing is less, a visible zoom more
+_EVERY_S = 0.25
+_TOLERATED = 0.03  # of the size: what the tracker is off by is less, a visible zoom more
 _AT_REST = 1e-3  # of the distance to the object: a moving camera also changes sizes
 
 
@@ -39,10 +40,14 @@ class ZoomCheck(Observer):
         self._seen: dict[int, Zoom] = {}
         self._first: tuple[Camera, Zoom] | None = None
         self._worst: tuple[float, float, int] | None = None  # plate, camera, frame
+        self._breathing, self._breathed = Breathing(), ""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """A note on the largest difference; empty where both agree."""
+        """A note on a lens that breathes, or on the largest difference; empty where both agree."""
+        breathing = self._breathed or self._breathing.describe()
+        if breathing:
+            return (Note(breathing, NoteKind.INFORMATION),)
         if self._worst is None:
             return ()
         plate, camera, index = self._worst
@@ -74,15 +79,24 @@ class ZoomCheck(Observer):
             return
         if self._first is None or self._first[1].shot != zoom.shot:
             self._first = placement.camera, zoom
+            self._breathed = self._breathed or self._breathing.describe()
+            self._breathing = Breathing()
+            self._see_focus(state, 0.0)
             return
         camera, before = self._first
         if _moved(camera, placement.camera) > _AT_REST * placement.nearest:
             return
         plate = zoom.log_scale - before.log_scale
         own = math.log(placement.camera.fx / camera.fx)
+        self._see_focus(state, plate - own)
         worst = 0.0 if self._worst is None else abs(self._worst[0] - self._worst[1])
         if abs(plate - own) > max(worst, _TOLERATED):
             self._worst = plate, own, state.frame.index
+
+    def _see_focus(self, state: FrameState, log_size: float) -> None:
+        fit = state.values.fit
+        if fit is not None and fit.slope > 0.0:
+            self._breathing.add(fit.focus_disparity, log_size)
 
 
 def _moved(before: Camera, now: Camera) -> float:

@@ -1,16 +1,19 @@
-"""R over time: detects changes of the lens, and tells them from the errors of two fits.
+"""R over time: detects changes of the lens, tells them from the errors of two fits, follows them.
 
 Estimating the CoC takes a tenth of a second, the change detector a few milliseconds. It compares
 the plate's blur with that at the last fit: patches on a grid are split in octaves of detail. Blur
 removes detail octave by octave, whatever the light and the contrast, so the ratio of neighbouring
 octaves is compared: by rows of patches, since the depth of a ground, and so its blur, goes by rows;
 and by medians, so that moving things do not count.
+
+On a live stream a change is detected only after it occurred; the lens then moves towards the newest
+fit by a fixed share per frame (`LiveLens`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -32,6 +35,10 @@ _ROWS, _COLUMNS = 6, 8
 _PATCH_SHARE = 1 / 16  # of the frame's width
 _SMALLEST_PX, _LARGEST_PX = 24, 64
 _BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
+EVERY = 3  # frames from one change detection of a live stream to the next
+_SPACING_S = 0.2  # least time between two fits of a live stream
+_SMOOTHING_S = 0.14  # time constant of its smoothing
+_AHEAD_S = 0.1  # by which it aims ahead while the lens moves, most of what the smoothing lags
 _FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light) [1]
 
 
@@ -145,3 +152,89 @@ def differs(before: LensFit, now: LensFit, *, still: bool) -> bool:
     error = np.hypot(*errors)
     told = change > (_TOLD_STILL if still else _TOLD_MOVING) * error
     return bool(np.any(told & (change > IN_FOCUS_PX)))
+
+
+class LiveLens:
+    """Exponential smoothing of the fits on a live stream; jumps at cuts only.
+
+    Between two fits of a lens that changes the change of the last two goes on, for as long as the
+    next fit may take, and a little ahead, so that the lens lags behind neither by that time nor by
+    its smoothing.
+
+    Args:
+        frame_s: from one frame to the next, > 0 [s].
+    """
+
+    def __init__(self, frame_s: float) -> None:
+        self._share = 1.0 - math.exp(-frame_s / _SMOOTHING_S)
+        self._spacing = max(EVERY, round(_SPACING_S / frame_s))
+        self._ahead = _AHEAD_S / frame_s
+        self._reference: Signature | None = None
+        self._before: Signature | None = None
+        self._since = 0
+        self._cut = False
+        self._still = True
+        self._target: LensFit | None = None
+        self._now: LensFit | None = None
+        self._age = 0  # frames since the last fit
+        self._rate = (0.0, 0.0)  # change of slope and intercept in a frame
+        self.fits = 0
+
+    def needs_refit(self, index: int, picture: Picture) -> bool:
+        """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
+        self._since += 1
+        if self._reference is not None and index % EVERY:
+            return False
+        seen = signature(picture)
+        before, self._before = self._before, seen
+        if self._reference is None or before is None:
+            self._reference = seen
+            return False
+        self._cut = self._cut or is_cut(before, seen)
+        waited = self._since >= self._spacing
+        if not self._cut and not (waited and changed(self._reference, seen) > CHANGED):
+            return False
+        self._still = stands_still(self._reference, seen)
+        self._reference, self._since = seen, 0
+        return True
+
+    def found(self, fit: LensFit) -> None:
+        """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
+
+        Within a shot, a fit that does not differ from the last by more than its error is left out.
+        """
+        if self._target is not None and not self._cut:
+            if not differs(self._target, fit, still=self._still):
+                return
+        self._rate = self._change_to(fit)
+        self._target, self._age = fit, 0
+        self.fits += 1
+        if self._now is None or self._cut:
+            self._now = fit
+        self._cut = False
+
+    def step(self) -> LensFit | None:
+        """The lens of the next frame; None before the first fit."""
+        now, target = self._now, self._target
+        if now is None or target is None or now is target:
+            return now
+        # no new fit for long: it has come to rest
+        goes_on = self._age + self._ahead if self._age <= self._spacing else 0.0
+        self._age += 1
+        slope = target.slope + goes_on * self._rate[0]
+        intercept = target.intercept + goes_on * self._rate[1]
+        slope = now.slope + self._share * (max(slope, 0.0) - now.slope)
+        intercept = now.intercept + self._share * (intercept - now.intercept)
+        self._now = replace(target, slope=slope, intercept=intercept)
+        return self._now
+
+    def _change_to(self, fit: LensFit) -> tuple[float, float]:
+        """Change of slope and intercept in a frame; none where the last fit was long ago."""
+        before, frames = self._target, self._age
+        if before is None or self._cut or not 0 < frames <= 2 * self._spacing:
+            return 0.0, 0.0
+        return (fit.slope - before.slope) / frames, (fit.intercept - before.intercept) / frames
+
+    def describe(self) -> str:
+        """A note for the user."""
+        return f"the lens changes: followed by {self.fits} fits as they were found"

@@ -1,7 +1,6 @@
-"""R over time: smooths the fits of a lens that changes over a shot.
+"""R over time: smooths the fits of a lens that changes over a shot of a file.
 
-A file is fitted in a pass of its own (`FitTrack`). On a live stream a change is detected only after
-it occurred; the lens then moves towards the newest fit by a fixed share per frame (`LiveLens`).
+A file is fitted in a pass of its own; streams are followed by `r_lens_change.LiveLens`.
 """
 
 from __future__ import annotations
@@ -15,24 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.core.layers import Float64, Picture
+from nlens_video.core.layers import Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.stages.r_lens_change import (
-    CHANGED,
-    Signature,
-    changed,
-    differs,
-    is_cut,
-    signature,
-    stands_still,
-)
 
-EVERY = 3  # frames from one change detection of a live stream to the next
 _LEAST_ERROR = 1e-3  # of a fit [px]
 _SAME_SLOPE = 1.0  # mean square of what slopes differ by, in their errors: 0.1 to 0.5 in pulls
+_UNSEEN_PX = 0.25  # by which smoothing over time may change a CoC
 _MOST_FRAMES = 1 << 40  # limit of frame numbers in a file
-_SPACING_S = 0.2  # least time between two fits of a live stream
-_SMOOTHING_S = 0.14  # time constant of its smoothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +65,9 @@ class FitTrack:
         there = min(max(index, own[0].index), own[-1].index)
         away = np.array([key.index - there for key in own], np.float64)
         nearest = fits[int(np.argmin(np.abs(away)))]
+        width = min(self.stretch, _widest_window(away, fits))
         # the window is at least as wide as the nearest keys are far
-        width = max(self.stretch, float(np.sort(np.abs(away))[1]) / 2.0)
+        width = max(width, float(np.sort(np.abs(away))[1]) / 2.0)
         window = np.exp(-0.5 * np.square(away / width))
 
         def smoothed(name: str) -> float:
@@ -193,6 +182,28 @@ def hold_segments(
     return tuple(repeated)
 
 
+def _widest_window(away: Float64, fits: Sequence[LensFit]) -> float:
+    """Deviation of a window that bends the way of the lens by no more than is seen [frames].
+
+    A line through a window of deviation w misses a curve of second derivative c by c w^2 / 2. It is
+    taken from the keys beside the frame: where the focus is racked, the window has to be short.
+
+    Args:
+        away: frames of the keys from the frame in question, rising (N,).
+        fits: the lens there (N,).
+    """
+    there = fits[0].object_disparity
+    coc_px = np.array([fit.slope * there + fit.intercept for fit in fits])
+    after = int(np.searchsorted(away, 0.0))
+    sharpest = 0.0
+    for middle in (after - 1, after):
+        if 0 < middle < len(fits) - 1:
+            steps = np.diff(away[middle - 1 : middle + 2])
+            rates = np.diff(coc_px[middle - 1 : middle + 2]) / steps
+            sharpest = max(sharpest, 2.0 * abs(float(rates[1] - rates[0])) / float(steps.sum()))
+    return math.sqrt(2.0 * _UNSEEN_PX / max(sharpest, 1e-12))
+
+
 def _variances(errors: Sequence[float]) -> Float64:
     squared = np.square(np.array(errors, np.float64))
     usual = float(np.median(squared))
@@ -208,86 +219,3 @@ def _line_at_zero(away: Float64, values: Float64, weights: Float64) -> float:
         return float(mean)
     slope = (weights * (away - centre) * (values - mean)).sum() / spread
     return float(mean - slope * centre)
-
-
-class LiveLens:
-    """Exponential smoothing of the fits on a live stream; jumps at cuts only.
-
-    Between two fits of a lens that changes the change of the last two goes on, for as long as the
-    next fit may take, so that the lens does not lag behind by that time.
-
-    Args:
-        frame_s: from one frame to the next, > 0 [s].
-    """
-
-    def __init__(self, frame_s: float) -> None:
-        self._share = 1.0 - math.exp(-frame_s / _SMOOTHING_S)
-        self._spacing = max(EVERY, round(_SPACING_S / frame_s))
-        self._reference: Signature | None = None
-        self._before: Signature | None = None
-        self._since = 0
-        self._cut = False
-        self._still = True
-        self._target: LensFit | None = None
-        self._now: LensFit | None = None
-        self._age = 0  # frames since the last fit
-        self._rate = (0.0, 0.0)  # change of slope and intercept in a frame
-        self.fits = 0
-
-    def needs_refit(self, index: int, picture: Picture) -> bool:
-        """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
-        self._since += 1
-        if self._reference is not None and index % EVERY:
-            return False
-        seen = signature(picture)
-        before, self._before = self._before, seen
-        if self._reference is None or before is None:
-            self._reference = seen
-            return False
-        self._cut = self._cut or is_cut(before, seen)
-        waited = self._since >= self._spacing
-        if not self._cut and not (waited and changed(self._reference, seen) > CHANGED):
-            return False
-        self._still = stands_still(self._reference, seen)
-        self._reference, self._since = seen, 0
-        return True
-
-    def found(self, fit: LensFit) -> None:
-        """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
-
-        Within a shot, a fit that does not differ from the last by more than its error is left out.
-        """
-        if self._target is not None and not self._cut:
-            if not differs(self._target, fit, still=self._still):
-                return
-        self._rate = self._change_to(fit)
-        self._target, self._age = fit, 0
-        self.fits += 1
-        if self._now is None or self._cut:
-            self._now = fit
-        self._cut = False
-
-    def step(self) -> LensFit | None:
-        """The lens of the next frame; None before the first fit."""
-        now, target = self._now, self._target
-        if now is None or target is None or now is target:
-            return now
-        goes_on = self._age if self._age <= self._spacing else 0  # no new fit: it has come to rest
-        self._age += 1
-        slope = target.slope + goes_on * self._rate[0]
-        intercept = target.intercept + goes_on * self._rate[1]
-        slope = now.slope + self._share * (max(slope, 0.0) - now.slope)
-        intercept = now.intercept + self._share * (intercept - now.intercept)
-        self._now = replace(target, slope=slope, intercept=intercept)
-        return self._now
-
-    def _change_to(self, fit: LensFit) -> tuple[float, float]:
-        """Change of slope and intercept in a frame; none where the last fit was long ago."""
-        before, frames = self._target, self._age
-        if before is None or self._cut or not 0 < frames <= 2 * self._spacing:
-            return 0.0, 0.0
-        return (fit.slope - before.slope) / frames, (fit.intercept - before.intercept) / frames
-
-    def describe(self) -> str:
-        """A note for the user."""
-        return f"the lens changes: followed by {self.fits} fits as they were found"
