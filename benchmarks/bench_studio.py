@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 DRAGS, STEP_PX = 60, 3
 LONG = 21  # times that the demo's plate is repeated for the scrub
-SCRUBS, APART = (100, 300), 397  # requests of frames, and how far from one to the next
+SCRUBS, APART = (60, 60, 60, 60), 397  # requests of frames, and how far from one to the next
 WAIT_MS, LEAST_PX = 300_000, 400  # columns of a canvas on which something is drawn
 # the time of each motion is kept until a picture that was asked for after it is drawn
 WATCH = """(id) => {
