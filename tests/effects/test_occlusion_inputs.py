@@ -17,6 +17,7 @@ from nlens_video.video.exr import write_layers
 pytestmark = pytest.mark.needs_gl
 SIZE = (shots.HEIGHT, shots.WIDTH)
 EDGE = 240  # the object stands on both sides of this column
+OTHER_BLUR = 1  # beside things the shadow is scattered, on the plane alone gathered [code value]
 AT = (0.0, 0.0, -2.6)
 
 
@@ -77,7 +78,7 @@ def test_nearer_plate_depth_occludes_with_an_edge_as_soft_as_its_coc(files, plai
     got, summary = still(files, tmp_path / "o.png", "--holdout", tmp_path / "z.exr")
     plate = cv2.imread(str(files / "plate.png")).astype(int)
     assert np.array_equal(got[:, : EDGE - 5], plate[:, : EDGE - 5])
-    assert np.array_equal(got[:, EDGE + 5 :], plain[:, EDGE + 5 :])
+    assert np.abs(got - plain)[:, EDGE + 5 :].max() <= OTHER_BLUR
     strip = slice(EDGE - 3, EDGE + 3)
     assert (got[:, strip] != plate[:, strip]).any() and (got[:, strip] != plain[:, strip]).any()
     write_layers(tmp_path / "far.exr", {"Z": np.full(SIZE, 10.0, np.float32)})
@@ -105,7 +106,7 @@ def test_shadow_falls_on_what_a_depth_map_shows_off_the_ground(files, plain, tmp
     plate = cv2.imread(str(files / "plate.png")).astype(int)
     lost, lost_on_plane = ((plate - one)[:, 120:170].sum() for one in (got, plain))
     assert lost > 2 * lost_on_plane
-    assert np.array_equal(got[:, edge + 20 :], plain[:, edge + 20 :])
+    assert np.abs(got - plain)[:, edge + 20 :].max() <= OTHER_BLUR
 
 
 def test_holdout_matte_applies_to_prerendered_layers(files, tmp_path):
