@@ -69,6 +69,15 @@ def test_mirrored_features_are_those_of_the_mirrored_picture():
     assert abs(flipped - expected).mean() < 0.2 * abs(flipped - picture_features(picture)).mean()
 
 
+def test_features_do_not_go_by_where_arrays_lie_in_memory():
+    picture = np.random.default_rng(0).integers(0, 256, (266, 499, 3), np.uint8)
+    kept, found = [], set()
+    for count in range(24):  # arrays of other sizes between move the next ones
+        found.add(picture_features(picture).tobytes())
+        kept.append([np.empty(1000 + 4 * count * n, np.uint8) for n in range(8)])
+    assert len(found) == 1
+
+
 @pytest.mark.parametrize("size", [(3840, 2160), (960, 512), (64, 48), (1080, 1920), (241, 127)])
 def test_picture_of_any_size_is_read(network, size):
     picture = cv2.resize(np.float32(striped(60.0)) / 255.0, size)

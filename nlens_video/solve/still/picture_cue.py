@@ -139,7 +139,9 @@ def _directions(grey: Float32) -> list[Float64]:
         np.asarray(cv2.Scharr(grey, cv2.CV_32F, *axis), np.float32) / np.float32(32.0)
         for axis in ((1, 0), (0, 1))
     )
-    strength = np.maximum(cv2.magnitude(across, down) - _FAINT, 0.0)
+    # not by OpenCV, whose last bit goes by the arrays' places in memory
+    length = np.sqrt(across * across + down * down)
+    strength = np.maximum(length - _FAINT, 0.0)
     turn = cv2.phase(across, down) % np.pi / np.pi * BINS
     low = np.floor(turn)
     part, first = turn - low, low.astype(np.intp) % BINS
