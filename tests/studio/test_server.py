@@ -64,6 +64,22 @@ def test_names_that_are_made_to_lead_here_are_refused(server):
     assert server.get("/shot", host=f"localhost:{server.port}")[0] == 200
 
 
+def test_another_address_is_served_by_its_name_and_to_its_token_alone(tmp_path):
+    with running(write_shot(tmp_path, frames=1), "--host", "127.0.0.2") as other:
+        assert (other.host, other.get("/shot")[0]) == ("127.0.0.2", 200)
+        assert other.request("/shot")[0] == 403
+        assert other.get("/shot", host=f"127.0.0.1:{other.port}")[0] == 403
+        with pytest.raises(OSError):
+            socket.create_connection(("127.0.0.1", other.port), timeout=5).close()
+
+
+def test_address_that_others_reach_needs_a_word_more(tmp_path):
+    words = ("studio", write_shot(tmp_path, frames=1), "--no-browser", "--host", "192.0.2.1")
+    assert "add --i-know-it-is-unencrypted" in one_line(nlens(*words), 2)
+    line = one_line(nlens(*words, "--i-know-it-is-unencrypted"), 2)
+    assert "cannot be used" in line  # for this machine has another address
+
+
 @pytest.mark.parametrize("token", ["", "wrong"])
 def test_pictures_need_the_token(server, token):
     with pytest.raises((WebSocketException, EOFError)), server.live(token):
@@ -170,7 +186,7 @@ def test_port_that_is_taken_is_one_line(tmp_path):
         taken.listen()
         port = taken.getsockname()[1]
         line = one_line(nlens("studio", shot, "--no-browser", "--port", port), 2)
-    assert f"--port {port}" in line
+    assert f"--port {port}: cannot be used" in line
 
 
 def test_missing_library_is_one_line(tmp_path, monkeypatch):

@@ -52,14 +52,15 @@ class Server:
     port: int
     token: str
     process: object
+    host: str = "127.0.0.1"
 
     @property
     def address(self) -> str:
-        return f"http://127.0.0.1:{self.port}/?token={self.token}"
+        return f"http://{self.host}:{self.port}/?token={self.token}"
 
     def request(self, path, method="GET", body=None, **headers):
         """Status and body of an answer; `host` and `origin` as headers of that name."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection = http.client.HTTPConnection(self.host, self.port, timeout=60)
         named = {name.replace("_", "-"): value for name, value in headers.items()}
         connection.putrequest(method, path, skip_host="host" in named)
         data = b"" if body is None else json.dumps(body).encode()
@@ -76,7 +77,7 @@ class Server:
 
     def live(self, token=None, **options):
         named = self.token if token is None else token
-        return connect(f"ws://127.0.0.1:{self.port}/{named}/live", **options)
+        return connect(f"ws://{self.host}:{self.port}/{named}/live", **options)
 
     def stop(self) -> tuple[int, str]:
         self.process.send_signal(signal.SIGINT)
@@ -93,8 +94,8 @@ def running(shot: Path, *words):
     line = started.stdout.readline().decode().strip()
     parts = urlsplit(line)
     try:
-        assert parts.hostname == "127.0.0.1", (line, started.poll())
-        yield Server(parts.port, parse_qs(parts.query)["token"][0], started)
+        assert parts.hostname is not None, (line, started.poll())
+        yield Server(parts.port, parse_qs(parts.query)["token"][0], started, parts.hostname)
     finally:
         if started.poll() is None:
             started.send_signal(signal.SIGINT)
