@@ -107,10 +107,10 @@ def test_region_by_keys_and_one_that_is_wrong(page, shot):
 
 
 def test_times_of_the_nodes_are_shown_against_the_budget(browser, studio):
-    studio.reset(quality={"preset": "draft", "budget-ms": 25})
+    studio.reset(quality={"preset": "standard", "budget-ms": 25})
     with shown(browser, studio.server) as page:
         assert "the budget of a frame is 25 ms" in page.locator("#time-sum").text_content()
         rows = page.locator("#times li").all_text_contents()
-        assert any(row.startswith("render") for row in rows)
+        assert len(rows) > 2  # the sum, the nodes below a millisecond, and some above
         times = [float(row.split()[-2]) for row in rows if "once" not in row]
         assert sum(times[1:]) == pytest.approx(times[0], abs=0.6 * len(times))
