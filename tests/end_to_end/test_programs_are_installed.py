@@ -52,6 +52,7 @@ def test_missing_programs_are_listed_for_a_user_without_install_rights(tmp_path)
 
 
 @pytest.mark.needs_programs("ffmpeg", "ffprobe", "gst-launch-1.0")
+@pytest.mark.needs_node_packages
 def test_nothing_is_installed_if_all_programs_exist():
     run = make_programs(os.environ["PATH"])
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
