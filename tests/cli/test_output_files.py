@@ -12,7 +12,7 @@ from nlens_video.options.readers import path, word
 
 NO_PATHS = {
     "camera", "scene", "footprint", "animation", "input_format", "input_rate", "codec", "pix_fmt",
-    "effects", "address", "things", "choices", "reference", "input_transfer",
+    "effects", "address", "host", "things", "choices", "reference", "input_transfer",
 }  # fmt: skip
 """Options that take a word which is no path: names of nodes, codecs, effects, answers."""
 
