@@ -3,6 +3,8 @@
 # make native  compile the C++ kernels into the checkout again, after a change
 # make sanitize  the tests of the C++ kernels under the sanitizers of the compiler
 # make adapters  the tests of GStreamer, VapourSynth and Blender, with those programs installed
+# make hosts   install those programs alone
+# make vapoursynth  the tests of VapourSynth alone
 # make check   format check, lint, types and the quick tests, in under two minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
@@ -57,14 +59,14 @@ if [ -n "$$missing" ]; then \
   if ! command -v apt-get >/dev/null; then echo "Missing here. Install what your system calls:$$missing" >&2; exit 1; fi; \
   if [ "$$(id -u)" = 0 ]; then sudo=""; elif sudo -n true 2>/dev/null; then sudo="sudo"; else echo "Missing here, and no right to install it. Ask for: apt-get install$$missing" >&2; exit 1; fi; \
   echo "Installing$$missing"; \
-  $$sudo apt-get update -qq && $$sudo env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
+  $$sudo apt-get -o Acquire::Retries=3 update -qq && $$sudo env DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=3 install -y -qq --no-install-recommends $$missing >/dev/null || exit 1; \
 fi
 endef
 
 # apt-get does not run twice at once.
 .NOTPARALLEL:
 
-.PHONY: adapters native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
+.PHONY: adapters hosts vapoursynth native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -122,28 +124,40 @@ check: programs lint
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest -q -n 2 -m "not slow"
 
 # GStreamer's loader runs the system's Python, VapourSynth's wheels begin with 3.12, and each release
-# of bpy has wheels for one Python alone: three environments.
-PYTHON_VAPOURSYNTH ?= python3.12
-PYTHON_BPY ?= python3.11
-HOSTS := blender xvfb gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-x gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly gir1.2-gst-rtsp-server-1.0 gir1.2-gst-plugins-bad-1.0
+# of bpy has wheels for one Python alone: three environments. The other Pythons are the first that
+# run, on the PATH or of pyenv.
+define FIRST_PYTHON
+$(shell for one in $(foreach minor,$(1),python3.$(minor) $${PYENV_ROOT:-$$HOME/.pyenv}/versions/3.$(minor)*/bin/python) $(PYTHON); do \
+  "$$one" -c 'import sys; sys.exit(sys.version_info.minor not in tuple(map(int, "$(1)".split())))' 2>/dev/null && echo "$$one" && break; done)
+endef
+PYTHON_VAPOURSYNTH ?= $(call FIRST_PYTHON,12 13 14)
+PYTHON_BPY ?= $(call FIRST_PYTHON,11 13)
+HOSTS := blender python3-numpy xvfb gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-x gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly gir1.2-gst-rtsp-server-1.0 gir1.2-gst-plugins-bad-1.0
 
-adapters: programs $(VENV)/.installed-test .venv-vapoursynth/.installed .venv-bpy/.installed
-	@missing=""; for one in $(HOSTS); do dpkg -s $$one >/dev/null 2>&1 || missing="$$missing $$one"; done; $(INSTALL_MISSING)
+adapters: hosts $(VENV)/.installed-test
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_GSTREAMER_PYTHON=1 REQUIRE_GSTREAMER_NETWORK=1 REQUIRE_BLENDER=1 REQUIRE_BPY=1 \
 	  $(BIN)/python -m pytest -q tests/adapters --deselect tests/adapters/test_vapoursynth.py
+	@$(MAKE) vapoursynth
+
+vapoursynth: .venv-vapoursynth/.installed
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_VAPOURSYNTH=1 .venv-vapoursynth/bin/python -m pytest -q tests/adapters/test_vapoursynth.py
 
+hosts: programs
+	@missing=""; for one in $(HOSTS); do dpkg -s $$one >/dev/null 2>&1 || missing="$$missing $$one"; done; $(INSTALL_MISSING)
+	@$(MAKE) -s .venv-bpy/.installed .venv-vapoursynth/.installed
+
 .venv-vapoursynth/.installed: $(SOURCES) | system
-	@command -v $(PYTHON_VAPOURSYNTH) >/dev/null && $(PYTHON_VAPOURSYNTH) -c 'import sys; sys.exit(sys.version_info < (3, 12))' || { echo "VapourSynth's wheels begin with Python 3.12. Name one: make adapters PYTHON_VAPOURSYNTH=…" >&2; exit 1; }
+	@[ -n "$(PYTHON_VAPOURSYNTH)" ] || { echo "VapourSynth's wheels begin with Python 3.12, and none was found. Name one: make $(MAKECMDGOALS) PYTHON_VAPOURSYNTH=…" >&2; exit 1; }
 	@echo "Installing VapourSynth into .venv-vapoursynth"
-	@$(PYTHON_VAPOURSYNTH) -m venv .venv-vapoursynth
+	@"$(PYTHON_VAPOURSYNTH)" -m venv .venv-vapoursynth
 	@.venv-vapoursynth/bin/python -m pip --disable-pip-version-check -q install -c constraints.txt -e '.[vapoursynth]' pytest hypothesis
 	@touch $@
 
 .venv-bpy/.installed:
+	@[ -n "$(PYTHON_BPY)" ] || { echo "bpy has wheels for Python 3.11 and 3.13, and neither was found. Name one: make $(MAKECMDGOALS) PYTHON_BPY=…" >&2; exit 1; }
 	@echo "Installing bpy into .venv-bpy"
-	@$(PYTHON_BPY) -m venv .venv-bpy
-	@.venv-bpy/bin/python -m pip --disable-pip-version-check -q install bpy || { echo "bpy has wheels for Python 3.11 and 3.13. Name one: make adapters PYTHON_BPY=…" >&2; exit 1; }
+	@"$(PYTHON_BPY)" -m venv .venv-bpy
+	@.venv-bpy/bin/python -m pip --disable-pip-version-check -q install bpy
 	@touch $@
 
 test: programs lint

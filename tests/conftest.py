@@ -79,7 +79,12 @@ def _why_no_programs(names: tuple[str, ...]) -> str:
 
 @functools.cache
 def _why_no_blender() -> str:
-    return "" if shutil.which("blender") else "no blender; apt-get install blender"
+    if not shutil.which("blender"):
+        return "no blender; apt-get install blender python3-numpy"
+    look = ["--python-exit-code", "1", "--python-expr", "import numpy"]
+    run = subprocess.run(["blender", "-b", *look], check=False, capture_output=True)
+    lacking = "Blender's Python has no numpy, which its glTF add-on needs"
+    return f"{lacking}; apt-get install python3-numpy" if run.returncode else ""
 
 
 @functools.cache
