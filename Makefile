@@ -132,7 +132,7 @@ $(shell for one in $(foreach minor,$(1),python3.$(minor) $${PYENV_ROOT:-$$HOME/.
 endef
 PYTHON_VAPOURSYNTH ?= $(call FIRST_PYTHON,12 13 14)
 PYTHON_BPY ?= $(call FIRST_PYTHON,11 13)
-HOSTS := blender python3-numpy xvfb gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-x gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly gir1.2-gst-rtsp-server-1.0 gir1.2-gst-plugins-bad-1.0
+HOSTS := blender python3-numpy xvfb gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-x gstreamer1.0-plugins-bad gstreamer1.0-plugins-ugly gir1.2-gst-rtsp-server-1.0 gir1.2-gst-plugins-bad-1.0 gstreamer1.0-pipewire pipewire wireplumber dbus
 
 adapters: hosts $(VENV)/.installed-test
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_GSTREAMER_PYTHON=1 REQUIRE_GSTREAMER_NETWORK=1 REQUIRE_BLENDER=1 REQUIRE_BPY=1 \
@@ -143,7 +143,7 @@ vapoursynth: .venv-vapoursynth/.installed
 	REQUIRE_GL=1 REQUIRE_PROGRAMS=1 REQUIRE_VAPOURSYNTH=1 .venv-vapoursynth/bin/python -m pytest -q tests/adapters/test_vapoursynth.py
 
 hosts: programs
-	@missing=""; for one in $(HOSTS); do dpkg -s $$one >/dev/null 2>&1 || missing="$$missing $$one"; done; $(INSTALL_MISSING)
+	@missing=""; for one in $(HOSTS); do dpkg-query -W -f '$${db:Status-Status}' $$one 2>/dev/null | grep -qx installed || missing="$$missing $$one"; done; $(INSTALL_MISSING)
 	@$(MAKE) -s .venv-bpy/.installed .venv-vapoursynth/.installed
 
 .venv-vapoursynth/.installed: $(SOURCES) | system

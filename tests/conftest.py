@@ -114,17 +114,19 @@ def _why_no_node_packages() -> str:
 
 @functools.cache
 def _why_no_gstreamer_network() -> str:
-    elements = ("rtspclientsink", "x264enc", "openh264dec", "webrtcbin", "nicesink")
+    elements = ("rtspclientsink", "x264enc", "openh264dec", "webrtcbin", "nicesink", "pipewiresink")
     lacking = []
     for one in elements:  # --exists compares versions, and nice's own is below 1.0
         run = subprocess.run(["gst-inspect-1.0", one], check=False, stdout=subprocess.DEVNULL)
         lacking += [one] if run.returncode else []
-    lacking += [] if shutil.which("Xvfb") else ["Xvfb"]
+    programs = ("Xvfb", "pipewire", "wireplumber", "dbus-run-session")
+    lacking += [one for one in programs if not shutil.which(one)]
     found = list(Path("/usr/lib").glob("*/girepository-1.0/GstRtspServer-1.0.typelib"))
     lacking += [] if found else ["GstRtspServer"]
     packages = (
         "gir1.2-gst-rtsp-server-1.0 gstreamer1.0-rtsp gstreamer1.0-nice gstreamer1.0-plugins-bad "
-        "gstreamer1.0-plugins-ugly gir1.2-gst-plugins-bad-1.0 gstreamer1.0-x xvfb"
+        "gstreamer1.0-plugins-ugly gir1.2-gst-plugins-bad-1.0 gstreamer1.0-x xvfb "
+        "gstreamer1.0-pipewire pipewire wireplumber dbus"
     )
     return f"no {', '.join(lacking)}; apt-get install {packages}" if lacking else ""
 

@@ -59,7 +59,7 @@ class Frame:
     pixel_aspect: float | None = None
 
 
-def open(glb: str | Path | ObjectSettings, **options: Any) -> Compositor:  # noqa: ANN401
+def open(glb: str | Path | ObjectSettings, **options: Any) -> Compositor:  # noqa: ANN401  as Compositor declares them
     """Prepare for a stream of frames of one size.
 
     Args:

@@ -9,22 +9,25 @@ import inspect
 import json
 from dataclasses import asdict
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import gi
 import numpy as np
+
+from nlens_video.adapters import contract
+from nlens_video.compositor.compositor import Compositor
+from nlens_video.core.errors import NlensError, UsageError
+from nlens_video.core.layers import UInt8
+from nlens_video.core.version import VERSION
+from nlens_video.video.info import FrameTags
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstBase", "1.0")
 gi.require_version("GstVideo", "1.0")
 from gi.repository import GLib, GObject, Gst, GstBase, GstVideo  # noqa: E402  after the versions
 
-from nlens_video.adapters import contract  # noqa: E402
-from nlens_video.compositor.compositor import Compositor  # noqa: E402
-from nlens_video.core.errors import NlensError, UsageError  # noqa: E402
-from nlens_video.core.version import VERSION  # noqa: E402
-from nlens_video.video.info import FrameTags  # noqa: E402
-
+GiObject: TypeAlias = Any
+"""An object of GStreamer's: PyGObject makes their classes at run time, without types."""
 FORMATS = {
     "I420": "yuv420p", "Y42B": "yuv422p", "Y444": "yuv444p", "NV12": "nv12", "NV21": "nv21",
     "NV16": "nv16", "NV24": "nv24", "YUY2": "yuyv422", "YVYU": "yvyu422", "UYVY": "uyvy422",
@@ -89,7 +92,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         _keep_floating(self)
         self._given: dict[str, Any] = {}
         self._lens: Compositor | None = None
-        self._video: Any = None
+        self._video: GiObject = None
         self._rate = Fraction(0)
         self._count = 0
         self.frame_ms = 0.0  # that the last latency was told with
@@ -99,15 +102,15 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         self.srcpad.set_query_function_full(_query, None)
         self.sinkpad.add_probe(Gst.PadProbeType.EVENT_DOWNSTREAM, _at_end)
 
-    def do_get_property(self, prop: Any) -> object:  # noqa: ANN401
+    def do_get_property(self, prop: GiObject) -> object:
         """The value that was given, or the default."""
         return self._given.get(prop.name, prop.default_value)
 
-    def do_set_property(self, prop: Any, value: object) -> None:  # noqa: ANN401
+    def do_set_property(self, prop: GiObject, value: object) -> None:
         """Takes effect when the stream starts, or changes its size."""
         self._given[prop.name] = value
 
-    def do_set_caps(self, incaps: Any, outcaps: Any) -> bool:  # noqa: ANN401
+    def do_set_caps(self, incaps: GiObject, outcaps: GiObject) -> bool:
         """A stream begins, or goes on in another form: another size or rate opens anew."""
         video = GstVideo.VideoInfo.new_from_caps(incaps)
         before, self._video = self._video, video
@@ -134,7 +137,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         told = {"fps": float(self._rate)} if self._rate else {}
         return contract.open(glb, **told, **given)
 
-    def do_transform_ip(self, buffer: Any) -> Any:  # noqa: ANN401
+    def do_transform_ip(self, buffer: GiObject) -> GiObject:
         """Composite one buffer where it lies; PTS, duration and metadata stay."""
         if self._lens is None:
             return Gst.FlowReturn.NOT_NEGOTIATED
@@ -151,7 +154,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         self._tell()
         return Gst.FlowReturn.OK
 
-    def _frame(self, buffer: Any, memory: memoryview) -> contract.Frame:  # noqa: ANN401
+    def _frame(self, buffer: GiObject, memory: memoryview) -> contract.Frame:
         video, layout = self._video, GstVideo.buffer_get_video_meta(buffer) or self._video
         samples = np.frombuffer(memory, np.uint8)
         time_s = self._time_s(buffer)
@@ -175,7 +178,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
             pixel_aspect=video.par_n / video.par_d,
         )
 
-    def _time_s(self, buffer: Any) -> float | None:  # noqa: ANN401
+    def _time_s(self, buffer: GiObject) -> float | None:
         """Time in the stream, which a seek changes and the animation follows [s]."""
         if buffer.pts == Gst.CLOCK_TIME_NONE:
             return None
@@ -224,7 +227,7 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         self.post_message(Gst.Message.new_error(self, kind, f"exit code {error.exit_code}"))
 
 
-def _keep_floating(element: Any) -> None:  # noqa: ANN401
+def _keep_floating(element: GiObject) -> None:
     """Leave the first reference to whom the element is made for, as GStreamer expects.
 
     PyGObject takes it for its own wrapper, and every `gst-launch-1.0` would begin with a complaint
@@ -235,7 +238,7 @@ def _keep_floating(element: Any) -> None:  # noqa: ANN401
         element._force_floating()
 
 
-def _query(pad: Any, element: Any, query: Any, *given: object) -> bool:  # noqa: ANN401
+def _query(pad: GiObject, element: GiObject, query: GiObject, *given: object) -> bool:
     """Latency is that of what lies before, and the time that a frame takes in the element."""
     if query.type != Gst.QueryType.LATENCY:
         return bool(pad.query_default(element, query))
@@ -247,20 +250,20 @@ def _query(pad: Any, element: Any, query: Any, *given: object) -> bool:  # noqa:
     return True
 
 
-def _at_end(pad: Any, info: Any, *given: object) -> Any:  # noqa: ANN401
+def _at_end(pad: GiObject, info: GiObject, *given: object) -> GiObject:
     """Timings of the whole stream, ahead of its end."""
     if info.get_event().type == Gst.EventType.EOS:
         pad.get_parent().tell_timings()
     return Gst.PadProbeReturn.OK
 
 
-def _rows(samples: Any, offset: int, stride: int) -> Any:  # noqa: ANN401
+def _rows(samples: UInt8, offset: int, stride: int) -> UInt8:
     """A plane's rows to the end of the memory, a last one without its padding left whole."""
     rows = (len(samples) - offset) // stride
     return samples[offset : offset + rows * stride].reshape(rows, stride)
 
 
-def _tags(colour: Any) -> FrameTags:  # noqa: ANN401
+def _tags(colour: GiObject) -> FrameTags:
     """Caps' colorimetry by the numbers of ITU-T H.273."""
     return FrameTags(
         colorspace=GstVideo.VideoColorMatrix.to_iso(colour.matrix),

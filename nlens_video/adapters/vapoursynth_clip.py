@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -19,6 +19,8 @@ from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.video.info import FrameTags
 
+FrameProperties = Mapping[str, Any]
+"""Of a frame, by their names; integers where colour, time and form are concerned, or floats."""
 _SAMPLING = {
     (1, 1): "420", (1, 0): "422", (0, 0): "444", (0, 1): "440", (2, 0): "411", (2, 2): "410",
 }  # fmt: skip
@@ -133,7 +135,7 @@ class _Composited:
             made.props["_DurationDen"] = self._rate.numerator
         return made
 
-    def _time_s(self, number: int, props: Any) -> float:  # noqa: ANN401
+    def _time_s(self, number: int, props: FrameProperties) -> float:
         if self._rate:
             return float(number / self._rate)
         if "_AbsoluteTime" not in props:
@@ -181,7 +183,7 @@ def _depth(kind: vs.VideoFormat) -> str:
     return "" if kind.bits_per_sample == 8 else f"{kind.bits_per_sample}le"
 
 
-def _tags(props: Any) -> FrameTags:  # noqa: ANN401
+def _tags(props: FrameProperties) -> FrameTags:
     """Colour tags of a frame by its properties."""
     span = 0
     if "_Range" in props:
@@ -196,6 +198,6 @@ def _tags(props: Any) -> FrameTags:  # noqa: ANN401
     )
 
 
-def _pixel_aspect(props: Any) -> float | None:  # noqa: ANN401
+def _pixel_aspect(props: FrameProperties) -> float | None:
     across, down = int(props.get("_SARNum", 0)), int(props.get("_SARDen", 0))
     return across / down if across > 0 and down > 0 else None

@@ -4,7 +4,9 @@ import os
 import re
 import signal
 import subprocess
+import time
 
+import numpy as np
 import pytest
 from support.folders import ROOT
 from support.programs import streams
@@ -64,10 +66,14 @@ def test_pictures_reach_the_other_side_of_a_call(environment, plates):
 
 @pytest.fixture
 def screen():
-    """The number of a screen without a monitor."""
+    """The number of a screen without a monitor.
+
+    `autovideosink` tries one sink after another. Without `-noreset` the server begins anew when the
+    first one leaves, and turns away the next one that comes meanwhile.
+    """
     reading, writing = os.pipe()
     with subprocess.Popen(
-        ["Xvfb", "-displayfd", str(writing), "-nolisten", "tcp"], pass_fds=[writing],
+        ["Xvfb", "-displayfd", str(writing), "-nolisten", "tcp", "-noreset"], pass_fds=[writing],
         stderr=subprocess.DEVNULL,
     ) as server, os.fdopen(reading) as told:  # fmt: skip
         os.close(writing)
@@ -83,3 +89,53 @@ def test_a_window_shows_the_pictures_of_a_camera(screen, environment, plates):
     )  # fmt: skip
     assert run.returncode == 0 and "Got EOS" in run.stdout, run.stderr
     assert re.search(r"GstXv?ImageSink", run.stdout), "a real window, no sink that throws away"
+
+
+PIPEWIRE = """
+pipewire &
+until [ -S "$XDG_RUNTIME_DIR/pipewire-0" ]; do sleep 0.1; done
+echo ready
+exec wireplumber
+"""
+
+
+@pytest.fixture
+def desktop(environment, tmp_path):
+    """Environment of a user's session in which PipeWire runs."""
+    runtime = tmp_path / "runtime"
+    runtime.mkdir(mode=0o700)
+    session = {**environment, "XDG_RUNTIME_DIR": str(runtime)}
+    with subprocess.Popen(
+        ["dbus-run-session", "--", "bash", "-c", PIPEWIRE], env=session, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True,
+    ) as server:  # fmt: skip
+        assert server.stdout.readline() == "ready\n"
+        yield session
+        os.killpg(server.pid, signal.SIGTERM)
+
+
+def test_another_program_reads_the_virtual_camera(desktop, plates, tmp_path):
+    folder, seen = plates("bt709").folder, tmp_path / "seen.raw"
+    line = line_with("pipewiresink").replace("=ball", "=solid-color foreground-color=0xff808080")
+    read = (
+        "pipewiresrc target-object=nlens num-buffers=20 ! videoconvert "
+        f"! video/x-raw,format=GRAY8 ! filesink location={seen}"
+    )
+    with subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=folder, env=desktop) as camera:
+        for _ in range(600):
+            listed = subprocess.run(
+                ["pw-cli", "list-objects", "Node"], env=desktop, capture_output=True, text=True,
+                check=False,
+            )  # fmt: skip
+            if 'node.name = "nlens"' in listed.stdout:
+                break
+            assert camera.poll() is None
+            time.sleep(0.1)
+        run = subprocess.run(
+            ["gst-launch-1.0", "-q", *read.split()], env=desktop, capture_output=True, text=True,
+            check=False, timeout=60,
+        )  # fmt: skip
+        camera.send_signal(signal.SIGINT)
+    assert run.returncode == 0, run.stderr
+    luma = np.fromfile(seen, np.uint8).reshape(20, 270, 480)
+    assert (np.ptp(luma, axis=(1, 2)) > 20).all(), "the object is in the grey picture"

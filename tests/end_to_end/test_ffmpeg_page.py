@@ -1,6 +1,7 @@
 """The recipes of docs/ffmpeg.md, with the real ffmpeg on both sides of the pipe."""
 
 import re
+import subprocess
 
 import av
 import numpy as np
@@ -104,3 +105,28 @@ def _rgba(path):
 def test_hardware_decoder_is_used_where_there_is_one(run, folder):
     run("fast-out.mkv")
     assert pictures(folder / "fast-out.mkv") == ("h264", FRAMES)
+
+
+BY_NAME = re.findall(r"`(-hwaccel|-c:v) (\w+)` ?\|", PAGE)
+NO_CARD = "No device available|Cannot load libnvcuvid|initializing an MFX|find a valid device"
+
+
+def test_every_name_of_a_hardware_decoder_is_tried():
+    assert len(BY_NAME) == PAGE.count("`-hwaccel ") - 1 + PAGE.count("`-c:v h264_")  # - 1: auto
+
+
+@pytest.mark.parametrize(("option", "name"), BY_NAME)
+def test_hardware_decoder_by_name_decodes_or_says_that_its_card_is_missing(option, name, folder):
+    listing = ["-hwaccels"] if option == "-hwaccel" else ["-decoders"]
+    built_in = subprocess.run(["ffmpeg", "-v", "error", *listing], capture_output=True, text=True, check=True)
+    if name not in built_in.stdout.split():
+        pytest.skip(f"this ffmpeg is built without {name}")
+    reader = BY_RESULT["fast-out.mkv"].split("|")[0].replace("-hwaccel auto", f"{option} {name}")
+    run = "nlens-video - anim.glb named.mkv --preset realtime -y"
+    told = shell(f'{reader} 2>reader.txt | {run}; echo "${{PIPESTATUS[1]}}"', folder)
+    said = (folder / "reader.txt").read_text()
+    if said:
+        assert re.search(NO_CARD, said), said
+        assert told.stdout.split()[-1] == b"3", told.stderr
+    else:
+        assert pictures(folder / "named.mkv") == ("h264", FRAMES)

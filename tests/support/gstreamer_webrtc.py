@@ -14,7 +14,7 @@ import gi
 gi.require_version("Gst", "1.0")
 gi.require_version("GstWebRTC", "1.0")
 gi.require_version("GstSdp", "1.0")
-from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # noqa: E402, F401  types of the signals
+from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # noqa: E402, F401  after the versions; types of the signals
 
 ENOUGH, WAIT_S = 20, 60
 RECEIVE = "rtpvp8depay ! vp8dec ! videoconvert ! appsink name=out emit-signals=true sync=false"
