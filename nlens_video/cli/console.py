@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console as RichConsole
 
-from nlens_video.core.errors import NlensError
+from nlens_video.core.errors import NlensError, OutputError, ReaderGone
 from nlens_video.core.stdio import escape_controls, print_out, standard_error
 
 if TYPE_CHECKING:
@@ -256,5 +256,13 @@ class Console:
 
 
 def _progress_line(what: str, done: int, total: int | None) -> None:
+    """Tell the program that started this run; once that is gone, end as by Ctrl-C."""
+    if sys.stderr is None:
+        return
     line = json.dumps({"progress": what, "frames": done, "of": total})
-    standard_error().write(f"{line}\n")
+    try:
+        print_out(f"{line}\n", sys.stderr)
+    except ReaderGone as gone:
+        raise KeyboardInterrupt from gone
+    except OutputError:
+        pass  # a full disk, say, is no reason to end

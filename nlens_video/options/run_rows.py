@@ -63,7 +63,8 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="run.report", often=True, files=files.REPORT),
         Option("--no-progress", BAR, help="no progress bar"),
         Option("--progress-lines", ["render"],
-               help="progress as lines of JSON on standard error, for programs"),
+               help="progress as lines of JSON on standard error, for a program; the run ends "
+               "once nobody reads them"),
     ),
     "effects of the camera": (
         Option("--effects", RUN, "E", default="auto", feeds="run.effects", parameter=True,

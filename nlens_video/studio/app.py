@@ -121,7 +121,6 @@ class Studio:
             },
             "environments": await run_in_threadpool(self._shot.environments),
             "objects": await run_in_threadpool(object_files, self._shot.path.parent),
-            "render": self.render.last,
         })  # fmt: skip
 
     async def _save(self, request: Request) -> Response:
@@ -160,10 +159,11 @@ class Studio:
         return FileResponse(path)
 
     async def _live(self, socket: WebSocket) -> None:
-        """Wishes for pictures in, pictures and progress out."""
+        """Wishes for pictures in; pictures and progress out, first how far a render is by now."""
         await socket.accept()
         page = _Page(asyncio.get_running_loop())
         self._pages.add(page)
+        page.send(json.dumps(self.render.last))
         sender = asyncio.create_task(_send_all(socket, page.queue))
         try:
             while True:

@@ -76,12 +76,15 @@ class ShotState:
         return settings(args)
 
     def command(self, tables: Tables) -> str:
-        """The command line that renders it, without the shot file; to be run where the server is.
+        """A line for a shell of this machine that renders it, in any folder, without the shot file.
 
         Raises:
             UsageError: as `settings`.
         """
-        return shlex.join(["nlens-video", *self._words(tables)])
+        self._words(tables)  # which checks them; here they are by names from the shot's folder
+        words = words_by(tables, Path(self.path.name))
+        folder = shlex.join(["cd", str(self.path.parent.resolve())])
+        return f"{folder} && {shlex.join(['nlens-video', *words])}"
 
     def save(self, tables: Tables) -> None:
         """Write the shot file.

@@ -1,7 +1,6 @@
 """The studio's page in a real browser: what hands and keys do, and what is drawn then."""
 
 import itertools
-import json
 import subprocess
 
 import cv2
@@ -10,8 +9,8 @@ import pytest
 from support.browser import NODE_PACKAGES
 from support.command import nlens
 from support.folders import ROOT
-from support.studio import WAIT_MS, changed_middle, opened, shown, write_shot
-from support.studio_page import at_rest, drag, plate_seen, saved, seen
+from support.studio import WAIT_MS, changed_middle, opened, render_told, shown, write_shot
+from support.studio_page import at_rest, canvas, drag, plate_seen, saved, seen
 
 pytestmark = pytest.mark.slow
 PAGE = ROOT / "nlens_video" / "studio" / "page"
@@ -64,6 +63,26 @@ def test_keys_place_the_object(page, shot):
 
 
 @pytest.mark.needs_chromium
+def test_keys_step_through_the_frames(browser, studio):
+    ways = [{"frame": 0, "at": [0.3, 0.8]}, {"frame": 3, "at": [0.6, 0.8]}]
+    studio.reset(object=[{"file": "bare.glb", "size": 0.3, "key": ways}], place={})
+    with shown(browser, studio.server) as page:
+        page.locator("#show-guides").uncheck()
+        page.locator("#frame").focus()
+        pictures = {}
+        for key, number in (
+            ("ArrowRight", 1), ("ArrowUp", 2), ("ArrowLeft", 1), ("ArrowDown", 0), ("End", 3),
+            ("Home", 0),
+        ):  # fmt: skip
+            at_rest(page, lambda key=key: page.keyboard.press(key))
+            assert page.locator("#frame-number").text_content() == str(number)
+            picture = canvas(page, "#picture")
+            np.testing.assert_array_equal(picture, pictures.setdefault(number, picture))
+    for one, other in itertools.combinations(pictures.values(), 2):
+        changed_middle(one, other)  # which asserts that something is elsewhere
+
+
+@pytest.mark.needs_chromium
 def test_horizon_sun_and_effects_become_the_shot(page, shot):
     before = seen(page)
     at_rest(page, lambda: page.locator("#horizon").press("ArrowLeft"))
@@ -103,10 +122,9 @@ def test_render_in_the_page_survives_its_tab(browser, tmp_path):
         page.wait_for_selector("body[data-render=running]")
         page.close()
         with server.live() as live:
-            said = json.loads(server.get("/shot")[1])["render"]
-            while said["render"] == "running":
-                told = json.loads(live.recv(timeout=120))
-                said = told if "render" in told else said
+            assert render_told(live)["render"] == "running"
+            while (said := render_told(live))["render"] == "running":
+                pass
     assert said["render"] == "done"
     assert (shot.parent / "out.mp4").exists()
 

@@ -97,7 +97,7 @@ def test_keys_turn_lift_and_strengthen_the_sun(sunny, studio):
                         ("#sun-handle", "+"), ("#shadow-tip", "ArrowRight"),
                         ("#shadow-tip", "Shift+ArrowUp")):  # fmt: skip
         page.locator(handle).focus()
-        at_rest(page, lambda: page.keyboard.press(key))  # noqa: B023
+        at_rest(page, lambda key=key: page.keyboard.press(key))
     assert sun_of(studio.shot, page) == [81, 36, 2.25]
     said = page.locator("#sun-handle").get_attribute("aria-valuetext")
     assert said == "81 degrees to the right of the view, 36 high, strength 2.25"

@@ -35,6 +35,10 @@ def test_sharp_is_the_object_without_its_lens(blurred):
     assert differs(final, plate, 6) > 1.1 * differs(sharp, plate, 6)  # blur reaches farther
 
 
+def compare(page, how):
+    at_rest(page, lambda: page.locator("#compare").select_option(how))
+
+
 def test_wipe_and_beside_compare_final_sharp_and_plate(blurred):
     page = blurred
     plate, final = plate_seen(page), seen(page)
@@ -43,12 +47,12 @@ def test_wipe_and_beside_compare_final_sharp_and_plate(blurred):
     at_rest(page, lambda: view(page, "Final"))
     middle = final.shape[1] // 2
     for name, other in (("plate", plate), ("sharp", sharp)):
-        at_rest(page, lambda: page.locator("#compare").select_option(f"wipe {name}"))  # noqa: B023
+        compare(page, f"wipe {name}")
         page.locator("#wipe").evaluate("one => { one.style.opacity = 0; }")
         wiped = seen(page)
         np.testing.assert_array_equal(wiped[:, : middle - 4], other[:, : middle - 4])
         np.testing.assert_array_equal(wiped[:, middle + 4 :], final[:, middle + 4 :])
-        at_rest(page, lambda: page.locator("#compare").select_option(f"beside {name}"))  # noqa: B023
+        compare(page, f"beside {name}")
         left, right = canvas(page, "#beside"), seen(page)
         assert left.shape[1] < 0.55 * final.shape[1]
         assert differs(left, right[: left.shape[0], : left.shape[1]]) > 0.001

@@ -5,6 +5,7 @@ import json
 import socket
 import subprocess
 import sys
+import time
 import tomllib
 from contextlib import ExitStack
 
@@ -12,7 +13,15 @@ import cv2
 import numpy as np
 import pytest
 from support.command import nlens, one_line
-from support.studio import TABLES, changed_middle, drawn, received, running, write_shot
+from support.studio import (
+    TABLES,
+    changed_middle,
+    drawn,
+    received,
+    render_told,
+    running,
+    write_shot,
+)
 from websockets.exceptions import WebSocketException
 
 pytestmark = pytest.mark.slow
@@ -214,10 +223,10 @@ def test_render_equals_that_of_the_command_line_and_the_end_leaves_nothing(tmp_p
     tables = placed(0.55, yaw=20)
     with running(shot) as server, server.live() as live:
         assert server.get("/render", method="POST", body=tables)[0] == 200
-        told = []
-        while not told or told[-1]["render"] == "running":
-            said = json.loads(live.recv(timeout=300))
-            told += [said] if "render" in said else []
+        told = [render_told(live)]
+        assert told[0]["render"] in ("none", "running")
+        while told[-1]["render"] in ("none", "running"):
+            told.append(render_told(live))
         assert told[-1]["render"] == "done", told[-1]
         assert any(one.get("of") == 4 for one in told)
         status, film = server.get("/result")
@@ -237,18 +246,39 @@ def test_cancelled_render_leaves_no_result_and_the_end_ends_a_running_one(tmp_pa
         for ends in ("cancel", "close"):
             assert server.get("/render", method="POST", body=TABLES)[0] == 200
             assert server.get("/render", method="POST", body=TABLES)[0] == 422  # one at a time
-            said = {}
-            while not said.get("frames"):
-                said = json.loads(live.recv(timeout=300))
+            while not render_told(live).get("frames"):
+                pass
             if ends == "cancel":
                 assert server.get("/render", method="DELETE")[0] == 200
-                while said["render"] == "running":
-                    said = json.loads(live.recv(timeout=60))
+                while (said := render_told(live))["render"] == "running":
+                    pass
                 assert said["render"] == "cancelled"
         assert server.stop()[0] == 0
-    left = subprocess.run(["ps", "-eo", "args"], capture_output=True, text=True).stdout
-    assert str(shot) not in left
-    assert not (tmp_path / "out.mp4").exists()
-    assert {one.name for one in tmp_path.iterdir()} == {
-        "in.mp4", "bare.glb", "fit.json", "shot.toml",
-    }  # fmt: skip
+    assert not runs(shot)
+    assert_nothing_was_written(shot)
+
+
+def test_server_that_is_killed_takes_its_render_with_it(tmp_path):
+    shot = write_shot(tmp_path, frames=1000)
+    with running(shot) as server, server.live() as live:
+        assert server.get("/render", method="POST", body=TABLES)[0] == 200
+        while not render_told(live).get("frames"):
+            pass
+        assert runs(shot)
+        server.process.kill()
+        server.process.wait()
+        until = time.monotonic() + 60
+        while runs(shot):
+            assert time.monotonic() < until
+            time.sleep(0.1)
+    assert_nothing_was_written(shot)
+
+
+def runs(shot):
+    """Whether a process of the shot is left."""
+    return str(shot) in subprocess.check_output(["ps", "-ww", "-eo", "args"], text=True)
+
+
+def assert_nothing_was_written(shot):
+    names = {one.name for one in shot.parent.iterdir()}
+    assert names == {"in.mp4", "bare.glb", "fit.json", "shot.toml"}

@@ -28,9 +28,16 @@ def driven() -> Iterator[object]:
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=browser_path(), args=["--no-sandbox"])
-        yield started
-        started.close()
+        with launched(playwright.chromium) as started:
+            yield started
+
+
+@contextmanager
+def launched(kind: object, *arguments: str) -> Iterator[object]:
+    """A browser of a kind that Playwright knows, with more arguments of its command line."""
+    started = kind.launch(executable_path=browser_path(), args=["--no-sandbox", *arguments])
+    yield started
+    started.close()
 
 
 def chromium(folder: Path, *arguments: str) -> str:

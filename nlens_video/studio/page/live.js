@@ -17,6 +17,7 @@ export class Live {
     this.onPicture = onPicture;
     this.onTold = onTold;
     this.onConnected = onConnected;
+    this.connected = false;
     this.number = 0;
     /** @type {number | null} of the picture that is being made while dragging */
     this.flying = null;
@@ -33,12 +34,14 @@ export class Live {
     this.socket = new WebSocket(address);
     this.socket.binaryType = "arraybuffer";
     this.socket.onopen = () => {
+      this.connected = true;
       this.onConnected(true);
       this.flying = null;
       this.flush();
     };
     this.socket.onmessage = (event) => this.take(event.data);
     this.socket.onclose = () => {
+      this.connected = false;
       this.onConnected(false);
       window.setTimeout(() => this.connect(), 2000);
     };

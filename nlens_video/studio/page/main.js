@@ -6,8 +6,8 @@ import { Live, QUICK } from "./live.js";
 import { Objects } from "./objects.js";
 import { showEffects, showNotes, showTimes, switched } from "./panel.js";
 import { RegionPen } from "./region.js";
-import { post, request } from "./server.js";
-import { Shot } from "./shot.js";
+import { asked, post, request } from "./server.js";
+import { Shot, toToml } from "./shot.js";
 import { Stage } from "./stage.js";
 import { SunHandles } from "./sun.js";
 
@@ -52,7 +52,9 @@ const objects = new Objects(shot, {
 });
 stage.more = (lines) => objects.draw(lines);
 const live = new Live(onPicture, onTold, (connected) => {
-  if (!connected) busy("The server has ended, or does not answer.");
+  one("lost").hidden = connected;
+  document.body.dataset["server"] = connected ? "here" : "lost";
+  if (!connected) busy("");
   else refresh();
 });
 
@@ -99,7 +101,7 @@ function ask(kind) {
   const [, other] = stage.compared;
   const sharp = view === "sharp" || other === "sharp";
   wanted = [...(sharp ? ["sharp"] : []), ...{ focus: ["focus"], plate: [] }[view] ?? ["rest"]];
-  busy(wanted.length ? "Drawing …" : "");
+  busy(wanted.length && live.connected ? "Drawing …" : "");
   askNext();
 }
 
@@ -220,8 +222,8 @@ function showRender(said) {
 
 async function showPlate() {
   const number = frame;
-  const answer = await fetch(`frame/${number}`);
-  if (!answer.ok || number !== frame) return;
+  const answer = await asked(`frame/${number}`).catch(() => null); // asked for again with the next connection
+  if (!answer?.ok || number !== frame) return;
   stage.pictures["plate"] = await createImageBitmap(await answer.blob());
   stage.draw();
 }
@@ -230,6 +232,16 @@ function refresh() {
   void showPlate();
   fill();
   ask("rest");
+}
+
+/** Do what the server may refuse, and say why. @param {() => Promise<void>} act */
+async function attempt(act) {
+  try {
+    await act();
+    trouble("");
+  } catch (error) {
+    trouble(error instanceof Error ? error.message : String(error));
+  }
 }
 
 /** Show in the controls what the shot says. */
@@ -458,7 +470,7 @@ document.addEventListener("keydown", (event) => {
   const key = event.key.toLowerCase();
   if (key === "z") step(event.shiftKey ? "redo" : "undo");
   else if (key === "y") step("redo");
-  else if (key === "s") void save();
+  else if (key === "s") void keep("save");
   else return;
   event.preventDefault();
 });
@@ -500,38 +512,36 @@ function go(number) {
   ask("rest");
 }
 
-async function save() {
-  const text = JSON.stringify(shot.tables);
-  try {
-    await post("save", shot.tables);
-    shot.saved = text;
-    trouble("");
-  } catch (error) {
-    trouble(String(error instanceof Error ? error.message : error));
-  }
-  fill();
-}
-one("save").addEventListener("click", () => void save());
-one("copy").addEventListener("click", async () => {
-  try {
-    const { command } = await post("command", shot.tables);
-    await navigator.clipboard.writeText(command);
-    one("saved").textContent = "· command copied";
-  } catch (error) {
-    trouble(String(error instanceof Error ? error.message : error));
-  }
-});
-one("render").addEventListener("click", async () => {
-  const text = JSON.stringify(shot.tables);
-  try {
-    await post("render", shot.tables);
+/** Send the shot to be kept. @param {"save" | "render"} where */
+function keep(where) {
+  return attempt(async () => {
+    const text = JSON.stringify(shot.tables);
+    await post(where, shot.tables);
     shot.saved = text;
     fill();
-  } catch (error) {
-    trouble(String(error instanceof Error ? error.message : error));
+  });
+}
+one("save").addEventListener("click", () => void keep("save"));
+one("render").addEventListener("click", () => void keep("render"));
+one("cancel").addEventListener("click", () => void attempt(() => request("render", { method: "DELETE" })));
+one("copy").addEventListener("click", () => void attempt(async () => {
+  const { command } = await post("command", shot.tables);
+  field("command").value = command;
+  try {
+    await navigator.clipboard.writeText(command);
+    one("saved").textContent = "· command copied";
+  } catch { // browsers refuse it to a page of another machine, for that is unencrypted
+    one("command-row").hidden = false;
+    field("command").select();
   }
+}));
+one("keep").addEventListener("click", () => {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(new Blob([toToml(shot.tables)], { type: "application/toml" }));
+  link.download = about.path.split("/").pop();
+  link.click();
+  URL.revokeObjectURL(link.href);
 });
-one("cancel").addEventListener("click", () => void request("render", { method: "DELETE" }));
 window.addEventListener("beforeunload", (event) => {
   if (shot.unsaved && shot.past.length) event.preventDefault();
 });
@@ -545,7 +555,6 @@ one("path").textContent = about.path;
 field("frame").max = String(plate.frames - 1);
 one("reduced").hidden = !plate.reduced;
 one("reduced").textContent = `The plate has ${plate.width}×${plate.height}; it is shown at ${plate.shown.join("×")}, and rendered whole.`;
-showRender(about.render);
 one("around").append(...[...new Set([...about.environments, environment()])].filter(Boolean)
   .map((/** @type {string} */ name) => new Option(name, name)));
 const many = Math.min(THUMBNAILS, plate.frames);

@@ -6,10 +6,23 @@
  * @returns {Promise<any>}
  */
 export async function request(where, options) {
-  const answer = await fetch(where, options);
-  const said = await answer.json();
+  const answer = await asked(where, options);
+  const said = await answer.json().catch(() => ({}));
   if (!answer.ok) throw new Error(said.error ?? `the server answers ${answer.status}`);
   return said;
+}
+
+/**
+ * @param {string} where
+ * @param {RequestInit} [options]
+ * @returns {Promise<Response>}
+ */
+export async function asked(where, options) {
+  try {
+    return await fetch(where, options);
+  } catch {
+    throw new Error("the server does not answer");
+  }
 }
 
 /** @param {string} where @param {object} body */

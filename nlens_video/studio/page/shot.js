@@ -3,6 +3,25 @@
 /** @typedef {{[key: string]: any}} Table */
 /** @typedef {{[table: string]: Table}} Tables */
 
+/** The text of a shot file, whose version is 2 where it lists its objects. @param {Tables} tables */
+export function toToml(tables) {
+  const lines = [`version = ${Array.isArray(tables["object"]) ? 2 : 1}`];
+  for (const [name, content] of Object.entries(tables)) {
+    const listed = Array.isArray(content);
+    for (const table of listed ? content : [content]) {
+      lines.push("", listed ? `[[${name}]]` : `[${name}]`, ...Object.entries(table).map(([key, value]) => `${key} = ${valueOf(value)}`));
+    }
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+/** A value as TOML writes it: as JSON does, but for tables. @param {any} value @returns {string} */
+function valueOf(value) {
+  if (Array.isArray(value)) return `[${value.map(valueOf).join(", ")}]`;
+  if (typeof value !== "object") return JSON.stringify(value);
+  return `{ ${Object.entries(value).map(([key, part]) => `${key} = ${valueOf(part)}`).join(", ")} }`;
+}
+
 export class Shot {
   /** @param {Tables} tables */
   constructor(tables) {
