@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import onnx
 import torch
@@ -15,13 +16,15 @@ from torch import nn
 from models.manifest import sha256_of, write_entry
 from models.training import read_weights
 
+Network = TypeVar("Network", bound=nn.Module)
 MODELS = Path(__file__).parent
 SMALLEST_HALVED = 64  # shorter tensors (biases, constants) stay in single precision
 
 
-def load_into(network: nn.Module, path: Path) -> None:
+def load_into(network: Network, path: Path) -> Network:
     """Give a network a checkpoint's averaged weights, or shipped ones, for inference."""
     network.eval().load_state_dict(read_weights(path))
+    return network
 
 
 def with_half_weights(model: onnx.ModelProto) -> onnx.ModelProto:
@@ -89,6 +92,35 @@ def arguments(description: str | None, out: Path) -> argparse.Namespace:
     parser.add_argument("--checkpoint", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=out)
     return parser.parse_args()
+
+
+def run_export(
+    description: str | None,
+    load: Callable[[Path], Network],
+    export: Callable[[Network, Path], None],
+    shipped: Path,
+    inputs: Mapping[str, str],
+    outputs: Mapping[str, str],
+) -> None:
+    """The command of an export: writes a checkpoint's network as an ONNX file, and says its size.
+
+    Beside the shipped file its weights are kept in half precision, and the manifest gets its entry.
+
+    Args:
+        description: of the command.
+        load: gives a checkpoint's network.
+        export: writes the ONNX file of a network.
+        shipped: the file that is written unless another is named; its stem names the network.
+        inputs: shape and meaning of each, for the manifest.
+        outputs: likewise.
+    """
+    options = arguments(description, shipped)
+    network = load(options.checkpoint)
+    export(network, options.out)
+    if options.out.parent == shipped.parent:
+        write_weights(network, shipped.parent)
+        update_manifest(shipped.stem, options.out, inputs, outputs)
+    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
 
 
 def write_weights(network: nn.Module, folder: Path) -> None:

@@ -152,11 +152,20 @@ def append_row(curve: Path, row: dict[str, float]) -> None:
         writer.writerow(row)
 
 
-def arguments(description: str | None, recipe: Schedule) -> argparse.ArgumentParser:
-    """The options that every training has."""
+def arguments(
+    description: str | None, recipe: Schedule, *, validation: bool = True
+) -> argparse.ArgumentParser:
+    """The options that every training has.
+
+    Args:
+        description: of the command.
+        recipe: gives the defaults.
+        validation: whether what is held out lies in a file of its own.
+    """
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--data", type=Path, required=True, help="reservoir written by data.py")
-    parser.add_argument("--validation", type=Path, required=True, help="held-out reservoir")
+    parser.add_argument("--data", type=Path, required=True, help="what data.py wrote")
+    if validation:
+        parser.add_argument("--validation", type=Path, required=True, help="likewise, held out")
     parser.add_argument("--out", type=Path, required=True, help="checkpoint and curve")
     parser.add_argument("--minutes", type=float, default=recipe.minutes)
     parser.add_argument("--rate", type=float, default=recipe.rate)

@@ -21,10 +21,10 @@ import numpy.typing as npt
 import OpenEXR
 from scipy.spatial.transform import Rotation
 
+from nlens_video.core.color import transfer
+from nlens_video.core.layers import Float64, UInt8
 from nlens_video.solve.still.picture_cue import AREA_PX, picture_features, size_of_area
 
-Uint8 = npt.NDArray[np.uint8]
-Float64 = npt.NDArray[np.float64]
 ASPECTS, SHARES = (1.875, 16 / 9, 1.5, 4 / 3, 0.75, 9 / 16), (0.4, 0.3, 0.1, 0.1, 0.06, 0.04)
 SENSOR_MM = 36.0
 APART = 10
@@ -50,7 +50,7 @@ class Camera:
 class View:
     """A rendered picture, sRGB (H, W, 3), its camera and its scene's number."""
 
-    rgb: Uint8
+    rgb: UInt8
     camera: Camera
     scene: int
 
@@ -62,14 +62,14 @@ def load_view(path: Path) -> View | None:
     scene = int(path.stem.split("_")[0])
     exposure = _WHITE * math.exp(np.random.default_rng([scene, 6]).normal(0.0, 0.25))
     light = light.astype(np.float32) * exposure / max(np.percentile(light.mean(axis=2), 90), 1e-6)
-    code = np.where(light <= 0.0031308, 12.92 * light, 1.055 * abs(light) ** (1 / 2.4) - 0.055)
-    rgb = np.uint8(255.0 * np.clip(code, 0.0, 1.0) + 0.5)
+    code = transfer("iec61966-2-1").to_coded(np.clip(light, 0.0, 1.0))
+    rgb = np.uint8(255.0 * code + 0.5)
     focal_px = truth["focal_mm"] / SENSOR_MM * rgb.shape[1]
     camera = Camera(-math.radians(truth["pitch_deg"]), math.radians(truth["roll_deg"]), focal_px)
     return None if rgb.std() < _FLAT else View(rgb, camera, scene)
 
 
-def draw_crop(rng: np.random.Generator, view: View) -> tuple[Uint8, Camera]:
+def draw_crop(rng: np.random.Generator, view: View) -> tuple[UInt8, Camera]:
     """What a camera turned and zoomed from the view's sees."""
     size = size_of_area(_SHARE * AREA_PX, float(rng.choice(ASPECTS, p=SHARES)))
     height, width = view.rgb.shape[:2]
@@ -110,7 +110,7 @@ def _matrix(focal_px: float, size: tuple[int, int]) -> Float64:
     return np.array([[focal_px, 0.0, -x], [0.0, -focal_px, -y], [0.0, 0.0, -1.0]])
 
 
-def photographed(rng: np.random.Generator, rgb: Uint8) -> Uint8:
+def photographed(rng: np.random.Generator, rgb: UInt8) -> UInt8:
     """The picture with another exposure, white balance, contrast, blur, noise and coding."""
     code = rgb.astype(np.float32) / 255.0
     if rng.random() < 0.25:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from models.camera.network import CameraNet
-from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
+from models.exporting import load_into, run_export, write_onnx
 from nlens_video.solve.still.picture_cue import ANSWERS, CHANNELS, COLUMNS, ROWS
 
 HERE = Path(__file__).parent
@@ -19,9 +19,7 @@ HERE = Path(__file__).parent
 
 def load_network(path: Path) -> CameraNet:
     """The network with the averaged weights of a checkpoint, or with shipped ones."""
-    network = CameraNet()
-    load_into(network, path)
-    return network
+    return load_into(CameraNet(), path)
 
 
 def export(network: CameraNet, path: Path) -> None:
@@ -34,20 +32,14 @@ def export(network: CameraNet, path: Path) -> None:
 
 def main() -> None:
     """Export a checkpoint, keep its weights in half precision, update the manifest."""
-    options = arguments(__doc__, HERE / "camera.onnx")
-    network = load_network(options.checkpoint)
-    export(network, options.out)
-    if options.out.parent == HERE:
-        write_weights(network, HERE)
-        update_manifest(
-            "camera", options.out,
-            {
-                "features": f"(1, {ROWS}, {COLUMNS}, {CHANNELS}) float32, see picture_features",
-                "aspect": "(1, 1) float32, logarithm of width by height",
-            },
-            {"answer": f"(1, {ANSWERS}) float32, see ANSWERS"},
-        )  # fmt: skip
-    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
+    run_export(
+        __doc__, load_network, export, HERE / "camera.onnx",
+        {
+            "features": f"(1, {ROWS}, {COLUMNS}, {CHANNELS}) float32, see picture_features",
+            "aspect": "(1, 1) float32, logarithm of width by height",
+        },
+        {"answer": f"(1, {ANSWERS}) float32, see ANSWERS"},
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

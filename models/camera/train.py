@@ -8,10 +8,8 @@ whole distribution too. Pitches that are rare in the views are drawn as often as
 
 from __future__ import annotations
 
-import argparse
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -20,7 +18,7 @@ from torch import Tensor
 
 from models.camera.data import Examples
 from models.camera.network import CameraNet, root, scaled, surprise
-from models.training import Schedule, TrainingRun, train
+from models.training import Schedule, TrainingRun, arguments, train
 from nlens_video.solve.still.picture_cue import SPREADS, mirrored
 
 NOISE = 0.1  # added to the features, by their deviation [1]
@@ -139,13 +137,7 @@ def validate(network: CameraNet, examples: Examples) -> dict[str, float]:
 
 def main() -> None:
     """Train until the time is up."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, required=True, help="examples written by data.py")
-    parser.add_argument("--out", type=Path, required=True, help="checkpoint and curve")
-    parser.add_argument("--minutes", type=float, default=Recipe().minutes)
-    parser.add_argument("--rate", type=float, default=Recipe().rate)
-    parser.add_argument("--begin-from", type=Path, help="shipped weights, or a checkpoint")
-    options = parser.parse_args()
+    options = arguments(__doc__, Recipe(), validation=False).parse_args()
     torch.set_num_threads(1)
     examples = Examples.load(options.data)
     training, apart = examples.part(apart=False), examples.part(apart=True)

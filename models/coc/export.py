@@ -14,7 +14,7 @@ from pathlib import Path
 from torch import Tensor, nn
 
 from models.coc.network import LABEL_STEP, STRIDE, CocNet, coc_and_sigma
-from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
+from models.exporting import load_into, run_export, write_onnx
 from nlens_video.networks.onnx_networks import PRIOR
 
 HERE = Path(__file__).parent
@@ -37,9 +37,7 @@ class Shipped(nn.Module):
 
 def load_network(path: Path) -> CocNet:
     """The network with the averaged weights of a checkpoint, or with shipped ones."""
-    network = CocNet()
-    load_into(network, path)
-    return network
+    return load_into(CocNet(), path)
 
 
 def export(network: CocNet, path: Path) -> None:
@@ -54,22 +52,15 @@ def export(network: CocNet, path: Path) -> None:
 
 def main() -> None:
     """Export a checkpoint, keep its weights in half precision, update the manifest."""
-    options = arguments(__doc__, HERE / "coc.onnx")
-    network = load_network(options.checkpoint)
-    export(network, options.out)
-    if options.out.parent == HERE:
-        write_weights(network, HERE)
-        shape = f"(1, H / {LABEL_STEP}, W / {LABEL_STEP})"
-        update_manifest(
-            "coc",
-            options.out,
-            {"rgb": f"(1, H, W, 3) float32, sRGB code in [0, 1]; H, W multiples of {STRIDE}"},
-            {
-                "coc_px": f"{shape} float32, CoC diameter, px of the input",
-                "sigma_px": f"{shape} float32, expected absolute error of it, px of the input",
-            },
-        )
-    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
+    shape = f"(1, H / {LABEL_STEP}, W / {LABEL_STEP})"
+    run_export(
+        __doc__, load_network, export, HERE / "coc.onnx",
+        {"rgb": f"(1, H, W, 3) float32, sRGB code in [0, 1]; H, W multiples of {STRIDE}"},
+        {
+            "coc_px": f"{shape} float32, CoC diameter, px of the input",
+            "sigma_px": f"{shape} float32, expected absolute error of it, px of the input",
+        },
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

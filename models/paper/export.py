@@ -53,9 +53,7 @@ class ShippedIunet(nn.Module):
 
 def load_networks(path: Path) -> PaperNets:
     """Both networks with the weights of a checkpoint, or with shipped ones."""
-    nets = PaperNets()
-    load_into(nets, path)
-    return nets
+    return load_into(PaperNets(), path)
 
 
 def _write(network: nn.Module, inputs: dict[str, tuple[int, ...]], output: str, path: Path) -> None:

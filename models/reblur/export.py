@@ -12,7 +12,7 @@ from pathlib import Path
 
 from torch import Tensor, nn
 
-from models.exporting import arguments, load_into, update_manifest, write_onnx, write_weights
+from models.exporting import load_into, run_export, write_onnx
 from models.reblur.network import RepairNet
 from nlens_video.stages.l_depth_order import CELL, CHANNELS
 
@@ -34,9 +34,7 @@ class Shipped(nn.Module):
 
 def load_network(path: Path) -> RepairNet:
     """The network with the averaged weights of a checkpoint, or with shipped ones."""
-    network = RepairNet()
-    load_into(network, path)
-    return network
+    return load_into(RepairNet(), path)
 
 
 def export(network: RepairNet, path: Path) -> None:
@@ -50,18 +48,15 @@ def export(network: RepairNet, path: Path) -> None:
 
 def main() -> None:
     """Export a checkpoint, keep its weights in half precision, update the manifest."""
-    options = arguments(__doc__, HERE / "reblur.onnx")
-    network = load_network(options.checkpoint)
-    export(network, options.out)
-    if options.out.parent == HERE:
-        write_weights(network, HERE)
-        seen = f"(1, H, W, {CHANNELS}) float32, see Candidates; H, W multiples of {CELL}"
-        answer = (
-            "(1, H, W, 2) float32: share of the ordered layers in [0, 1], relative change of the "
-            "near coverage in [-0.5, 0.5]"
-        )
-        update_manifest("reblur", options.out, {"geometry": seen}, {"judgement": answer})
-    print(f"{options.out}: {options.out.stat().st_size / 1e6:.2f} MB")
+    seen = f"(1, H, W, {CHANNELS}) float32, see Candidates; H, W multiples of {CELL}"
+    answer = (
+        "(1, H, W, 2) float32: share of the ordered layers in [0, 1], relative change of the "
+        "near coverage in [-0.5, 0.5]"
+    )
+    run_export(
+        __doc__, load_network, export, HERE / "reblur.onnx",
+        {"geometry": seen}, {"judgement": answer},
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

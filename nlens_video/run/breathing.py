@@ -1,7 +1,7 @@
 """A lens that breathes: its picture grows or shrinks while its focus is pulled.
 
-Told from a zoom by the focus that is followed, with which the size of the picture then goes. Sums
-are kept alone, so that the length of a clip does not matter.
+Told from a zoom by the focus that is followed, with which the size of the picture then goes. Only
+sums are kept, so that the length of a clip does not matter.
 """
 
 from __future__ import annotations

@@ -35,7 +35,13 @@ class ShotSlope:
     def lend(self, found: FoundLens) -> LensFit:
         """The lens of a frame, fitted again with the slope of the shot where it tells none itself.
 
-        Of both signs the lens nearer to the one before is taken.
+        Of both signs the lens nearer to the one before is taken. Frames come in their order.
+
+        Args:
+            found: what the frame alone tells.
+
+        Returns:
+            Its own fit where that tells the slope, or where no frame before does.
         """
         fit, told, before = found.fit, self._told, self._before
         if fit.sign == "resolved" and fit.depends_on_depth:
@@ -61,8 +67,14 @@ class ShotSlope:
         return self._before
 
 
-def _with_errors_of(told: LensFit, lent: LensFit, first: LensFit) -> LensFit:
-    """A lent lens with the errors of its slope, and those of its own readings beside them."""
+def _with_errors_of(told: LensFit, lent: LensFit, own: LensFit) -> LensFit:
+    """A lens with the errors of the slope that it was lent, and those of its readings beside them.
+
+    Args:
+        told: the frame whose slope it has.
+        lent: the lens.
+        own: what the frame told by itself.
+    """
     error = math.hypot(told.intercept_stderr, lent.intercept_stderr)
     return replace(
         lent,
@@ -71,5 +83,5 @@ def _with_errors_of(told: LensFit, lent: LensFit, first: LensFit) -> LensFit:
         correlation=told.correlation * told.intercept_stderr / max(error, 1e-9),
         readings_share=told.readings_share,
         sign="resolved" if lent.sign == "resolved" else "assumed",
-        object_disparity=first.object_disparity,
+        object_disparity=own.object_disparity,
     )

@@ -40,7 +40,7 @@ def test_frame_that_tells_its_slope_keeps_its_own():
 def test_frame_that_reads_alike_at_all_depths_takes_slope_and_side_of_the_frames_before(intercept):
     slope = ShotSlope()
     slope.lend(found(-18.0))
-    lent = slope.lend(found(0.75 * intercept - 4.5, seed=2))  # on the way
+    slope.lend(found(0.75 * intercept - 4.5, seed=2))  # on the way
     flat = found(intercept, alike=0.75, seed=1)
     assert not flat.fit.depends_on_depth or flat.fit.sign != "resolved"
     lent = slope.lend(flat)

@@ -58,16 +58,23 @@ def test_crop_shows_what_its_camera_sees():
     assert len(cameras) == 12
 
 
-def test_crop_that_cannot_turn_is_the_view():
-    from models.camera.data import Camera, draw_crop
+def test_crop_of_a_view_too_narrow_to_turn_in_is_its_middle():
+    from models.camera.data import Camera, View, draw_crop
 
-    view = drawn_view(2)
-    for seed in range(20):
-        rgb, camera = draw_crop(np.random.default_rng(seed), view)
-        if camera == Camera(view.camera.pitch, view.camera.roll, camera.focal_px):
-            break
-        assert abs(camera.pitch - view.camera.pitch) < math.radians(10.0)
-    assert rgb.dtype == np.uint8
+    y, x = np.mgrid[:128, :240]
+    rgb = np.stack([x, y, 0 * x], axis=-1).astype(np.uint8)  # each pixel says where it lies
+    view = View(rgb, Camera(-0.2, 0.05, 1e6), 1)
+    for seed in range(8):
+        crop, camera = draw_crop(np.random.default_rng(seed), view)
+        height, width = crop.shape[:2]
+        reduced = min(240 / width, 128 / height)
+        assert camera == Camera(-0.2, 0.05, 1e6 / reduced)
+        y, x = np.mgrid[:height, :width]
+        columns = (x - 0.5 * (width - 1)) * reduced + 0.5 * 239
+        rows = (y - 0.5 * (height - 1)) * reduced + 0.5 * 127
+        inner = np.s_[2:-2, 2:-2]
+        np.testing.assert_allclose(crop[..., 0][inner], columns[inner], atol=1.0)
+        np.testing.assert_allclose(crop[..., 1][inner], rows[inner], atol=1.0)
 
 
 def test_scenes_kept_apart_are_not_trained_on(examples):
@@ -87,22 +94,14 @@ def test_rare_pitches_are_drawn_as_often_as_others():
     assert shares[:900].sum() == pytest.approx(0.5) and shares.sum() == pytest.approx(1.0)
 
 
-def test_camera_training_resumes_from_a_checkpoint(examples, tmp_path):
-    import torch
-
+def test_camera_training_resumes_from_a_checkpoint(examples, resume):
     from models.camera.train import Drawn, Recipe, Run, normalise, validate
 
     recipe = Recipe(minutes=1, batch=8)
-    run, data = Run(recipe), Drawn.evenly(examples)
+    run, again = Run(recipe), Run(recipe)
     for network in (run.network, run.average):
         normalise(network, examples)
-    before = run.network.first.weight.detach().clone()
-    assert np.isfinite([run.advance(data) for _ in range(3)]).all()
-    assert not torch.equal(before, run.network.first.weight)
-    run.save(tmp_path / "checkpoint.pt")
-    again = Run(recipe)
-    again.load(tmp_path / "checkpoint.pt")
-    assert again.step == 3 and again.trained_s == run.trained_s
+    resume(run, again, Drawn.evenly(examples), 3)
     assert validate(again.average, examples) == validate(run.average, examples)
 
 

@@ -74,23 +74,12 @@ def test_sample_reservoir_replaces_its_oldest_entries(reservoir):
     assert (np.asarray(reservoir.pictures).std((1, 2, 3)) > 0).all()
 
 
-def test_training_resumes_from_a_checkpoint(reservoir, tmp_path):
-    import torch
-
+def test_training_resumes_from_a_checkpoint(reservoir, resume):
     from models.coc.train import Recipe, Run, Source, validate
 
-    source = Source(reservoir.folder, None)
-
     recipe = Recipe(minutes=1, crop=64, pixels=2 * 64 * 64)
-    run = Run(recipe)
-    before = run.network.stem.weight.detach().clone()
-    losses = [run.advance(source) for _ in range(2)]
-    assert np.isfinite(losses).all()
-    assert not torch.equal(before, run.network.stem.weight)
-    run.save(tmp_path / "checkpoint.pt")
-    again = Run(recipe)
-    again.load(tmp_path / "checkpoint.pt")
-    assert again.step == 2 and again.trained_s == run.trained_s
+    run, again = Run(recipe), Run(recipe)
+    resume(run, again, Source(reservoir.folder, None), 2)
     likelihood, held_out = validate(again.average, reservoir)
     assert np.isfinite(likelihood) and held_out.rmse_px > 0
     assert likelihood == validate(run.average, reservoir)[0]

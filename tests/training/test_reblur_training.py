@@ -58,20 +58,12 @@ def test_seed_determines_an_object_of_every_category(photos):
         assert first["where"].mean() > 0.01
 
 
-def test_reblur_training_resumes_from_a_checkpoint(reservoir, tmp_path):
-    import torch
-
+def test_reblur_training_resumes_from_a_checkpoint(reservoir, resume):
     from models.reblur.train import Recipe, Run, validate
 
     recipe = Recipe(minutes=1, batch=2)
-    run = Run(recipe)
-    before = run.network.stem.weight.detach().clone()
-    assert np.isfinite([run.advance(reservoir) for _ in range(2)]).all()
-    assert not torch.equal(before, run.network.stem.weight)
-    run.save(tmp_path / "checkpoint.pt")
-    again = Run(recipe)
-    again.load(tmp_path / "checkpoint.pt")
-    assert again.step == 2 and again.trained_s == run.trained_s
+    run, again = Run(recipe), Run(recipe)
+    resume(run, again, reservoir, 2)
     assert validate(again.average, reservoir) == validate(run.average, reservoir)
 
 
@@ -130,7 +122,7 @@ def test_training_loss_applies_the_repair_as_the_program_does(reservoir):
     np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
-def test_papers_networks_have_the_published_sizes_and_can_be_trained(photos, tmp_path):
+def test_papers_networks_have_the_published_sizes_and_can_be_trained(photos, tmp_path, resume):
     from models.paper.data import PARTS, draw_maps
     from models.paper.train import Recipe, Run, validate
     from models.reblur.data import Reservoir
@@ -138,14 +130,10 @@ def test_papers_networks_have_the_published_sizes_and_can_be_trained(photos, tmp
     store = Reservoir(tmp_path / "composites", 2, PARTS)
     for index in range(2):
         store.append(draw_maps(1, index, photos, held_out=False))
-    run = Run(Recipe(minutes=1, batch=1))
+    run, again = (Run(Recipe(minutes=1, batch=1)) for _ in range(2))
     assert sum(p.numel() for p in run.network.arnet.parameters()) == 923_664
     assert sum(p.numel() for p in run.network.iunet.parameters()) == 240_076
-    assert np.isfinite([run.advance(store) for _ in range(2)]).all()
-    run.save(tmp_path / "checkpoint.pt")
-    again = Run(Recipe(minutes=1, batch=1))
-    again.load(tmp_path / "checkpoint.pt")
-    assert again.step == 2
+    resume(run, again, store, 2)
     assert validate(again.network, store) == validate(run.network, store)
 
 
