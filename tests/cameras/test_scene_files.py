@@ -249,7 +249,8 @@ def test_damaged_glb_is_refused(tmp_path, damage, said):
 
 
 BLENDER = """
-import bpy, json, sys
+import bpy, json, numpy, sys
+numpy.bool = getattr(numpy, "bool", bool)  # Blender 3.4 asks for it, Debian's numpy 1.24 lacks it
 source, target = sys.argv[-2:]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 scene = bpy.context.scene

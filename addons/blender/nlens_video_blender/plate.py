@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -44,14 +43,20 @@ def rate(scene: bpy.types.Scene) -> float:
 def need_numpy() -> None:
     """Blender's glTF add-on imports it, and Debian's Blender comes without.
 
+    That of Blender 3.4 says `numpy.bool`, which numpy 1.24 to 1.26 lack: those of Debian 12.
+
     Raises:
         ValueError: Blender's Python does not have it.
     """
-    if importlib.util.find_spec("numpy") is None:
+    try:
+        import numpy
+    except ImportError:
         raise ValueError(
             "Blender's glTF add-on needs numpy, which Blender's Python does not have; on Debian "
             "and Ubuntu: apt-get install python3-numpy"
-        )
+        ) from None
+    if not hasattr(numpy, "bool"):
+        numpy.bool = bool
 
 
 def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
