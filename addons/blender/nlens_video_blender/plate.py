@@ -43,7 +43,7 @@ def rate(scene: bpy.types.Scene) -> float:
 def need_numpy() -> None:
     """Blender's glTF add-on imports it, and Debian's Blender comes without.
 
-    That of Blender 3.4 says `numpy.bool`, which numpy 1.24 to 1.26 lack: those of Debian 12.
+    That of Blender 3.4 says `numpy.bool`, which numpy 1.24 to 1.26 lack; Debian 12 has both.
 
     Raises:
         ValueError: Blender's Python does not have it.
