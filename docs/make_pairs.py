@@ -3,9 +3,10 @@
 python docs/make_pairs.py FOLDER SHOTS BEFORE AFTER
 
 SHOTS is a text file with the arguments of a run on each line but for its output, such as
-`plate.jpg fox.glb --at 0.4,0.8`; BEFORE and AFTER are folders of checkouts. For each shot FOLDER
-gets a picture, the plate, before and after beside each other, whole and around the object, and a
-text of what both runs printed. It is to be kept out of the repository, as `runs/` is.
+`plate.jpg fox.glb --at 0.4,0.8 | --size 0.35`; only BEFORE gets what follows a bar, for a version
+that asks for more. BEFORE and AFTER are folders of checkouts. For each shot FOLDER gets a picture,
+the plate, before and after beside each other, whole and around the object, and a text of what both
+runs printed. It is to be kept out of the repository, as `runs/` is.
 """
 
 from __future__ import annotations
@@ -74,8 +75,9 @@ def beside(pictures: list[UInt8]) -> UInt8:
     return np.hstack([cv2.resize(picture, size, interpolation=way) for picture in pictures])
 
 
-def pair(folder: Path, arguments: list[str], trees: list[Path]) -> None:
-    """Write the picture and the words of one shot."""
+def pair(folder: Path, shot: str, trees: list[Path]) -> None:
+    """Write the picture and the words of one shot, a line of the list of shots."""
+    arguments, more = (shlex.split(part) for part in (*shot.split("|"), "")[:2])
     plate, animation = Path(arguments[0]), Path(arguments[1])
     name = f"{plate.stem}-{animation.stem}"
     frames, words, first, count = [], [], 0, 1
@@ -84,7 +86,7 @@ def pair(folder: Path, arguments: list[str], trees: list[Path]) -> None:
     for number, tree in enumerate(trees):
         output = folder / f"{name}-{number}{'.png' if plate.suffix in {'.png', '.jpg'} else '.mp4'}"
         output.unlink(missing_ok=True)
-        words += [f"# {tree}", composite(tree, arguments, output)]
+        words += [f"# {tree}", composite(tree, arguments + (more if number == 0 else []), output)]
         if output.exists():
             frame, count = middle_frame(output, 0, None)
             frames.append(frame)
@@ -104,7 +106,7 @@ def main() -> None:
     folder, shots = Path(sys.argv[1]), Path(sys.argv[2]).read_text(encoding="utf-8")
     folder.mkdir(parents=True, exist_ok=True)
     for line in filter(None, shots.splitlines()):
-        pair(folder, shlex.split(line), [Path(tree) for tree in sys.argv[3:]])
+        pair(folder, line, [Path(tree) for tree in sys.argv[3:]])
 
 
 if __name__ == "__main__":

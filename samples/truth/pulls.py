@@ -25,7 +25,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import av
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +34,8 @@ from nlens_video.core.color import transfer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.evaluate.bench.glb_writer import GlbWriter
 from nlens_video.stages.r_lens_track import FitTrack
+from truth.box_glb import add_box, add_lens
+from truth.clip_file import write_clip_file
 
 Array = npt.NDArray[np.float32]
 Codes = npt.NDArray[np.uint8]
@@ -231,20 +232,12 @@ def _upright(x: float, z: float, wide: float, tall: float) -> Points:
 def write_clip(folder: Path, pull: Pull) -> None:
     """Write plate, object and truth."""
     folder.mkdir(parents=True, exist_ok=True)
-    with av.open(str(folder / "bg.mp4"), "w") as container:
-        stream: Any = container.add_stream("libx264", RATE, options={"crf": "18", "threads": "1"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        stream.colorspace, stream.color_range = 1, 1
-        for light in pull.frames():
-            grain = pull.draw.normal(0, pull.grain / 255, light.shape).astype(np.float32)
-            codes = np.clip(_CODED(light) + grain, 0, 1)
-            frame = av.VideoFrame.from_ndarray(np.uint8(255 * codes + 0.5), "rgb24")
-            frame = frame.reformat(
-                format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
-            )
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode())
-    _write_glb(folder / "object.glb", pull)
+    codes = (
+        _CODED(light) + pull.draw.normal(0, pull.grain / 255, light.shape).astype(np.float32)
+        for light in pull.frames()
+    )
+    write_clip_file(folder / "bg.mp4", codes, RATE, crf=18)
+    write_glb(folder / "object.glb", pull)
     described = {
         "resolution": [WIDTH, HEIGHT], "fps": RATE, "path": pull.path,
         "object_depth_m": pull.object_depth, "frames": pull.lens(),
@@ -252,20 +245,11 @@ def write_clip(folder: Path, pull: Pull) -> None:
     (folder / "params.json").write_text(json.dumps(described, indent=1))
 
 
-def _write_glb(path: Path, pull: Pull) -> None:
+def write_glb(path: Path, pull: Pull) -> None:
+    """The object as a box, and the camera of the first frame."""
     writer = GlbWriter()
-    (x, z), half = pull.place, pull.size / 2
-    corners = [(x + a * half, b * pull.size, -z + c * half)
-               for a in (-1, 1) for b in (0, 1) for c in (-1, 1)]  # fmt: skip
-    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-             (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]  # fmt: skip
-    mesh = writer.add("meshes", {"primitives": [{
-        "attributes": {"POSITION": writer.accessor(np.array(corners, np.float32))},
-        "indices": writer.accessor(np.array(faces, np.uint32).ravel()),
-    }]})  # fmt: skip
-    lens = {"yfov": 2 * math.atan(HEIGHT / 2 / pull.focal), "znear": 0.1}
-    camera = writer.add("cameras", {"type": "perspective", "perspective": lens})
-    writer.node(mesh=mesh)
+    add_box(writer, pull.place, (pull.size, pull.size, pull.size))
+    camera = add_lens(writer, pull.focal, HEIGHT)
     half_turn = -pull.pitch / 2
     turn = [math.sin(half_turn), 0.0, 0.0, math.cos(half_turn)]
     writer.node(camera=camera, translation=[0.0, pull.eye, 0.0], rotation=turn)

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import av
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -28,6 +27,8 @@ from scipy.spatial.transform import Rotation
 from nlens_video.core.color import transfer
 from nlens_video.evaluate.bench.glb_writer import GlbWriter
 from nlens_video.video.exr import write_layers
+from truth.box_glb import add_box, add_lens
+from truth.clip_file import read_clip_file, write_clip_file
 from truth.figures import OBJECT_SIZE, PX_PER_M, Look, draw_figure, draw_object
 
 Array = npt.NDArray[np.float32]
@@ -304,28 +305,23 @@ def write_clip(folder: Path, clip: Clip) -> None:
         (folder / name).mkdir(parents=True, exist_ok=True)
     facts: list[dict[str, Any]] = []
     made: list[tuple[npt.NDArray[np.float16], ...]] = []
-    with av.open(str(folder / "bg.mp4"), "w") as container:
-        stream: Any = container.add_stream("libx264", RATE, options={"crf": "20", "threads": "1"})
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        stream.colorspace, stream.color_range = 1, 1
+
+    def plates() -> Iterator[Array]:
         for index in range(clip.frames):
             plate, composite, in_front, walkers = clip.frame(index)
             grain = clip.draw.normal(0, clip.grain / 255, plate.shape).astype(np.float32)
-            codes = np.clip(_CODED(plate) + grain, 0, 1)
-            frame = av.VideoFrame.from_ndarray(np.uint8(255 * codes + 0.5), "rgb24")
-            frame = frame.reformat(
-                format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
-            )
-            container.mux(stream.encode(frame))
             made.append(tuple(one.astype(np.float16) for one in (plate, composite, in_front)))
             cv2.imwrite(str(folder / f"front/{index:04d}.png"), np.uint8(255 * in_front + 0.5))
             _write_layer(folder / f"object/{index:04d}.exr", clip.seen(index))
             facts.append({"focus_distance_m": clip.focus, "coc_at_infinity_px": clip.infinity,
                           "walkers": walkers})  # fmt: skip
-        container.mux(stream.encode())
-    for index, (seen, (plate, composite, in_front)) in enumerate(
-        zip(_decoded(folder / "bg.mp4"), made, strict=True)
+            yield np.asarray(_CODED(plate) + grain)
+
+    write_clip_file(folder / "bg.mp4", plates(), RATE, crf=20)
+    for index, (codes, (plate, composite, in_front)) in enumerate(
+        zip(read_clip_file(folder / "bg.mp4"), made, strict=True)
     ):
+        seen = _LINEAR(codes)  # as a composite gets it
         covered = clip.seen(index).blurred[..., 3:]
         reach = (covered[..., 0] > 1e-3).astype(np.uint8) * 255
         shown = 1 - covered * (1 - in_front[..., None].astype(np.float32))
@@ -344,31 +340,11 @@ def _write_layer(path: Path, seen: View) -> None:
     write_layers(path, {**channels, "Z": depth})
 
 
-def _decoded(path: Path) -> Iterator[Array]:
-    """The plate's frames as a composite gets them, in linear light (H, W, 3)."""
-    with av.open(str(path)) as container:
-        for frame in container.decode(video=0):
-            codes = frame.to_ndarray(
-                format="rgb24", src_colorspace="ITU709", src_color_range="MPEG"
-            )
-            yield np.asarray(_LINEAR(codes.astype(np.float32) / 255), np.float32)
-
-
 def write_glb(path: Path, clip: Clip) -> None:
     """The object as a box, and the camera."""
     writer = GlbWriter()
-    (x, z), (width, height) = clip.place, OBJECT_SIZE
-    corners = [(x + a * width / 2, b * height, -z + c * 0.1)
-               for a in (-1, 1) for b in (0, 1) for c in (-1, 1)]  # fmt: skip
-    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-             (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]  # fmt: skip
-    mesh = writer.add("meshes", {"primitives": [{
-        "attributes": {"POSITION": writer.accessor(np.array(corners, np.float32))},
-        "indices": writer.accessor(np.array(faces, np.uint32).ravel()),
-    }]})  # fmt: skip
-    lens = {"yfov": 2 * math.atan(HEIGHT / 2 / FOCAL), "znear": 0.1}
-    camera = writer.add("cameras", {"type": "perspective", "perspective": lens})
-    writer.node(mesh=mesh)
+    add_box(writer, clip.place, (*OBJECT_SIZE, 0.2))
+    camera = add_lens(writer, FOCAL, HEIGHT)
     poses = [clip.pose(index) for index in range(clip.frames)]
     eyes, turns = [_eye(one) for one in poses], [_turn(one) for one in poses]
     node = writer.node(camera=camera, translation=eyes[0], rotation=turns[0])
