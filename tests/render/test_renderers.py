@@ -120,6 +120,21 @@ def test_textures_are_decoded_from_srgb_and_row_zero_lies_at_v_zero(tmp_path):
     np.testing.assert_allclose(lower, [0, linear, 0, 1], rtol=2e-3)
 
 
+@pytest.mark.parametrize("least", [9728, 9729, 9984, 9985, 9986, 9987])
+def test_a_texture_that_is_smooth_when_enlarged_is_smooth_when_shrunk(tmp_path, least):
+    """Texels far smaller than pixels show as their mean, whatever the file's filter saves."""
+    builder = GlbBuilder()
+    board = np.uint8(255 * (np.indices((512, 512)).sum(axis=0) % 2))[..., None].repeat(3, axis=2)
+    info = {"index": builder.texture(board, magFilter=9729, minFilter=least)}
+    quad(builder, number=unlit(builder, pbr={"baseColorTexture": info}), TEXCOORD_0=QUAD_UV)
+    layer = draw(builder, tmp_path)
+    rows, columns = (
+        slice(26 - layer.box.y0, 38 - layer.box.y0),
+        slice(26 - layer.box.x0, 38 - layer.box.x0),
+    )
+    np.testing.assert_allclose(layer.rgba[rows, columns, :3], 0.5, atol=0.01)
+
+
 def test_normal_map_tilts_towards_u_and_up_the_picture(tmp_path):
     tilted = {}
     for name, texel in (("right", [218, 128, 218]), ("up", [128, 218, 218])):

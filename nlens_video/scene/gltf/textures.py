@@ -134,11 +134,14 @@ class TextureReader:
         samplers = self.document.items("samplers")
         chosen = texture.reference("sampler", len(samplers))
         sampler = samplers[chosen] if chosen is not None else Fields({}, texture.place)
+        enlarged = sampler.choice("magFilter", (NEAREST, LINEAR), LINEAR)
+        shrunk = sampler.choice("minFilter", _MIN_FILTERS, _TRILINEAR)
         return Image(
             pixels=self._pixels[source],
             srgb=srgb,
-            mag_filter=sampler.choice("magFilter", (NEAREST, LINEAR), LINEAR),
-            min_filter=sampler.choice("minFilter", _MIN_FILTERS, _TRILINEAR),
+            mag_filter=enlarged,
+            # Other filters only save time where texels are not meant to be seen: they flicker.
+            min_filter=_TRILINEAR if enlarged == LINEAR else shrunk,
             wrap=(
                 sampler.choice("wrapS", _WRAPS, _REPEAT),
                 sampler.choice("wrapT", _WRAPS, _REPEAT),
