@@ -68,6 +68,17 @@ def test_node_class_with_an_unknown_port_is_refused():
                 return sparkle
 
 
+def test_node_class_that_is_the_same_with_no_input_of_its_own_is_refused():
+    with pytest.raises(TypeError, match=r"same_with names \['fit'\], no inputs of it"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+            same_with = ("layer", "fit")
+
+            def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":  # noqa: F821
+                return "from the layer"
+
+
 def test_node_class_with_a_wrong_result_type_is_refused():
     with pytest.raises(TypeError, match="returns Picture, but its port 'blurred' is a Blurred"):
 
