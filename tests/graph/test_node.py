@@ -81,7 +81,7 @@ def test_node_class_that_is_the_same_with_no_input_of_its_own_is_refused():
             name, writes = "wrong", "blurred"
             same_with = ("layer", "fit")
 
-            def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":  # noqa: F821
+            def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":
                 return "from the layer"
 
 
