@@ -26,7 +26,9 @@ _SHORTEST = 6  # observations of a point whose way counts
 _STRAYED_PX = 0.75
 _FEWEST = 8  # such points of a frame that is judged
 _STAYS = 0.4  # share of the cells with points that hold one at its place, as a still camera sees
-_MOST_LEFT = 2, 0.02  # frames, and share of them, that may show less, as a shaken one
+_MOST_LEFT = 2, 0.1  # frames, and share of them, that may show less: much is lifted or passes by
+_GONE = 0.15  # share of the cells of a frame that holds nothing, as a shaken one
+_MOST_GONE = 2, 0.02  # such frames, and share of them
 _FEW, _CUT_KEPT = 20, 0.3  # points, and share of them that a cut leaves at most
 _CUT_LIGHT = 0.06  # mean change of the light of a grid's cells in a cut [1]
 _CELLS = (8, 6)
@@ -58,6 +60,7 @@ class Tracker:
     _begun: int = 0
     _judged: int = 0
     _left: int = 0
+    _gone: int = 0
 
     def add(self, luma: UInt8) -> None:
         """Follow all points into the next frame (H, W)."""
@@ -80,9 +83,12 @@ class Tracker:
         """Whether the picture as a whole leaves its place.
 
         Things that move, or shimmer in noise, may be most of the points. Before a still camera some
-        stay at their place all over the frame, and at all times.
+        stay at their place all over the frame, and a few of them at all times.
         """
-        return self._left > max(_MOST_LEFT[0], _MOST_LEFT[1] * self._judged)
+        return any(
+            count > max(fewest, share * self._judged)
+            for count, (fewest, share) in ((self._left, _MOST_LEFT), (self._gone, _MOST_GONE))
+        )
 
     @property
     def current(self) -> dict[int, Float32]:
@@ -117,6 +123,7 @@ class Tracker:
         held, whole = (np.count_nonzero(np.bincount(cells[m])) for m in (often & stays, often))
         self._judged += 1
         self._left += int(held < _STAYS * whole)
+        self._gone += int(held < _GONE * whole)
 
     def _renew(self, luma: UInt8) -> None:
         """Add corners where there are none, evenly over the frame."""

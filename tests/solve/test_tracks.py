@@ -108,3 +108,19 @@ def test_camera_that_moves_towards_a_point_moves_though_what_is_far_stays():
 def test_camera_that_begins_to_move_late_moves():
     pictures = [warped([[1, 0, -50 - 2.0 * max(0, n - 30)], [0, 1, -50]]) for n in range(40)]
     assert followed(pictures).moves
+
+
+def test_what_is_lifted_over_most_of_a_still_picture_for_a_moment_does_not_move_the_camera():
+    pictures = list(shifted((0.0, 0.0), frames=60))
+    for n in range(40, 45):
+        still = pictures[n].copy()
+        pictures[n][:, 75:] = np.roll(still, -6 * (n - 39), axis=0)[:, 75:]
+    lifted = followed(pictures)
+    assert lifted._left > 2
+    assert not lifted.moves
+
+
+def test_camera_that_turns_for_a_moment_moves():
+    way = [2.0 * min(max(0, n - 40), 5) for n in range(60)]
+    pictures = [warped([[1, 0, -50 - one], [0, 1, -50]]) for one in way]
+    assert followed(pictures).moves
