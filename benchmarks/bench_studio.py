@@ -34,7 +34,7 @@ WATCH = """(id) => {
     if (moved !== null) window.waits.push(performance.now() - moved);
     moved = null;
   }).observe(document.body, { attributeFilter: ["data-drawn"] });
-}"""  # noqa: E501  a script for the page
+}"""  # noqa: E501
 
 
 def main() -> None:

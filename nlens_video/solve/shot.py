@@ -17,13 +17,14 @@ from nlens_video.core.layers import CocMap, Float64
 from nlens_video.solve.focal import (
     MOST_POOLED,
     KnownFov,
-    focal_by_lines,
+    focal_of_scene,
     product,
     turned_segments,
 )
 from nlens_video.solve.paths.bundle import Bundle
 from nlens_video.solve.paths.joining import Joined, parts_of
 from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
+from nlens_video.solve.paths.standing_planes import standing_planes
 from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
 from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
@@ -161,7 +162,7 @@ class ShotSolver:
         return solver.moving(keyframes, found, error)
 
     def _with_focal(self, keyframes: list[int], path: Bundle, error: float) -> tuple[Bundle, float]:
-        """A path with the focal length that lines over its ground tell, and its error [1]."""
+        """A path with the focal length that its scene tells, and its error [1]."""
         width = self.size[0]
         focal = float(np.median(path.focals_px)) / width
         prior = product((math.log(focal), error), self._focal_prior())
@@ -185,7 +186,8 @@ class ShotSolver:
             log, error = found.log_focal, math.sqrt(found.covariance[2, 2])
         else:
             normal = first[:3, :3].T @ ground[0]
-            log, error = focal_by_lines(pictures, self.size, normal, focal, prior)
+            standing = standing_planes(path, ground)
+            log, error = focal_of_scene(pictures, self.size, normal, focal, prior, standing)
         return with_focal(path, math.exp(log) * width), error
 
     def _segments(self, turned: dict[int, Float64], focal: float) -> list[Segments]:
