@@ -24,8 +24,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from nlens_video.core.errors import NlensError
-from nlens_video.core.settings import SourceSettings
 from nlens_video.studio.objects import object_files
+from nlens_video.studio.open_plate import MOST_PX
 from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
 from nlens_video.studio.previews import KINDS, Answer, Previews, Wish
 from nlens_video.studio.render_job import RenderJob
@@ -34,7 +34,7 @@ from nlens_video.studio.stage import Solve, Stage
 
 _PAGE = files("nlens_video.studio").joinpath("page")
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SHOWN_PX, _THUMBNAIL_PX = 960 * 544, 128 * 96
+_THUMBNAIL_PX = 128 * 96
 _MOST_BYTES = 1 << 20  # of a message of the page: a shot is a few hundred bytes
 Endpoint = Callable[[Request], Awaitable[Response]]
 
@@ -66,9 +66,8 @@ class Studio:
         self._token = token
         self._pages: set[_Page] = set()
         source = shot.settings(shot.tables).source
-        plate = SourceSettings(spec=source.spec, **_hints(source))
-        self._frames = PlateFrames(plate, _SHOWN_PX)
-        self._thumbnails = PlateFrames(plate, _THUMBNAIL_PX)
+        self._frames = PlateFrames(source, MOST_PX)
+        self._thumbnails = PlateFrames(source, _THUMBNAIL_PX)
         self.previews = Previews(shot, Stage(solve), self._tell)
         self.render = RenderJob(self._tell)
 
@@ -181,11 +180,6 @@ class Studio:
     def _tell(self, said: dict[str, Any]) -> None:
         for page in list(self._pages):
             page.send(json.dumps(said))
-
-
-def _hints(source: SourceSettings) -> dict[str, Any]:
-    names = ("input_format", "input_size", "input_rate", "input_transfer")
-    return {name: getattr(source, name) for name in names}
 
 
 async def _send_all(socket: WebSocket, queue: asyncio.Queue[str | bytes]) -> None:

@@ -13,10 +13,9 @@ from nlens_video.report.ground_grid import Grid, horizon_row, part_in_view
 from nlens_video.report.svg import nice_step
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
-from nlens_video.studio.objects import ObjectGuides, object_guides
+from nlens_video.studio.objects import FAR, ObjectGuides, object_guides
 
 _CELLS = 6  # of the ground grid each way
-_FAR = 20.0  # frames: what lies farther out is not drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +63,7 @@ def guides(objects: ObjectSettings, scene: Scene, view: View, index: int, time_s
 
 def _horizon(camera: Camera) -> tuple[float, float] | None:
     rows = [horizon_row(camera, column) / camera.height for column in (0.0, camera.width)]
-    if not all(abs(row) < _FAR for row in rows):
+    if not all(abs(row) < FAR for row in rows):
         return None
     return float(rows[0]), float(rows[1])
 
@@ -74,6 +73,6 @@ def _grid(camera: Camera, grid: Grid) -> list[tuple[float, float, float, float]]
     for line in grid.lines():
         ends = part_in_view(camera, grid, line)
         if ends is not None:
-            first, last = (ends / (camera.width, camera.height)).clip(-_FAR, _FAR).tolist()
+            first, last = (ends / (camera.width, camera.height)).clip(-FAR, FAR).tolist()
             found.append((first[0], first[1], last[0], last[1]))
     return found

@@ -18,7 +18,8 @@ from nlens_video.scene.object_motion import ObjectMotion
 from nlens_video.scene.scene import Scene
 from nlens_video.studio.shadow_guides import ShadowGuides, shadow_guides
 
-_FAR = 20.0  # frames: what lies farther out is not drawn
+FAR = 20.0
+"""Farther out nothing is drawn [frame width or height]."""
 _STEPS = 120  # of a path
 _MOST_FILES = 100
 _SUFFIXES = (".glb", ".gltf")
@@ -117,26 +118,38 @@ def object_files(folder: Path) -> list[str]:
 def stand(
     camera: Camera, contact: Float64, vertices: Float64
 ) -> tuple[tuple[float, float] | None, float]:
-    """Where a body touches the ground, and its size; None and 0 where that is out of sight."""
-    seen = camera.to_camera(np.vstack([contact[None], vertices]))
-    if not (seen[:, 2] < 0.0).all():
-        return None, 0.0
-    spots = camera.pixels(seen) / (camera.width, camera.height)
-    if not (np.abs(spots[0]) < _FAR).all():
+    """Where a body touches the ground, and its size; None and 0 where that is out of sight.
+
+    Args:
+        camera: sees it.
+        contact: where it touches the ground (3,) [scene unit].
+        vertices: its own (V, 3) [scene unit].
+    """
+    spots = _spots(camera, np.vstack([contact[None], vertices]))
+    if spots is None or not (np.abs(spots[0]) < FAR).all():
         return None, 0.0
     return (float(spots[0, 0]), float(spots[0, 1])), float(spots[0, 1] - spots[:, 1].min())
 
 
 def _outline(camera: Camera, vertices: Float64) -> tuple[float, float, float, float] | None:
-    seen = camera.to_camera(vertices)
-    if not (seen[:, 2] < 0.0).all():
+    """Left, upper, right and lower border; None where a part is behind the camera."""
+    spots = _spots(camera, vertices)
+    if spots is None:
         return None
-    spots = camera.pixels(seen) / (camera.width, camera.height)
     low, high = spots.min(axis=0), spots.max(axis=0)
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
+def _spots(camera: Camera, points: Float64) -> Float64 | None:
+    """Points (N, 3) in fractions of the frame (N, 2); None where one is behind the camera."""
+    seen = camera.to_camera(points)
+    if not (seen[:, 2] < 0.0).all():
+        return None
+    return camera.pixels(seen) / (camera.width, camera.height)
+
+
 def _yaw_deg(motion: ObjectMotion, camera: Camera, time_s: float) -> float:
+    """The turn of an object towards a camera at a moment [deg]."""
     pose = camera.world_from_camera
     facing = math.atan2(pose[0, 2], pose[2, 2])
     return math.degrees(float(motion.turn.at(time_s)[0]) - facing)
@@ -159,4 +172,4 @@ def _seen(
     """Places at some moments on the frame, without those that are out of sight."""
     points = camera.to_camera(np.array([motion.place_at(float(time_s)) for time_s in times_s]))
     spots = camera.pixels(points[points[:, 2] < 0.0]) / (camera.width, camera.height)
-    return tuple((float(x), float(y)) for x, y in spots if max(abs(x), abs(y)) < _FAR)
+    return tuple((float(x), float(y)) for x, y in spots if max(abs(x), abs(y)) < FAR)

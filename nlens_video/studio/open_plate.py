@@ -16,7 +16,7 @@ from nlens_video.run.frame_range import LOOKAHEAD_FRAMES
 from nlens_video.studio.plate_frames import PlateFrames
 from nlens_video.video.info import SourceFrame
 
-_MOST_PX = 960 * 544
+MOST_PX = 960 * 544
 """Of a previewed frame: larger plates are shown reduced [px]."""
 
 
@@ -32,7 +32,7 @@ class Plate:
     @classmethod
     def opened(cls, source: SourceSettings) -> Plate:
         """Open a plate; raises as `PlateFrames`."""
-        frames = PlateFrames(source, _MOST_PX)
+        frames = PlateFrames(source, MOST_PX)
         start = source.frames[0]
 
         def pictures() -> tuple[Picture, ...]:

@@ -27,7 +27,6 @@ class RenderJob:
     def __init__(self, tell: Tell) -> None:
         self._tell = tell
         self._process: subprocess.Popen[str] | None = None
-        self._threads: list[threading.Thread] = []
         self._gate = threading.Lock()
         self._cancelled = False
         self._last: dict[str, Any] = {"render": "none"}
@@ -65,7 +64,7 @@ class RenderJob:
             process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
-        """Cancel and wait for the end of the process."""
+        """Cancel, and wait for the end of the process; one that does not end is killed."""
         self.cancel()
         process = self._process
         if process is None:
@@ -77,13 +76,15 @@ class RenderJob:
             process.wait()
 
     def _follow(self, process: subprocess.Popen[str]) -> None:
+        """Tell of its progress, and at last how it ended."""
+        out, errors = process.stdout, process.stderr
+        assert out is not None
+        assert errors is not None
         results: list[str] = []
-        assert process.stdout is not None
-        assert process.stderr is not None
-        reader = threading.Thread(target=lambda: results.append(process.stdout.read()))  # type: ignore[union-attr]
+        reader = threading.Thread(target=lambda: results.append(out.read()))
         reader.start()
-        line, said = "", ""
-        for line in process.stderr:
+        said = ""
+        for line in errors:
             told = _progress(line)
             if told is not None:
                 self._say({"render": "running", **told})

@@ -90,6 +90,23 @@ class _Lens:
 
 
 @dataclass(slots=True)
+class _Base:
+    """What is kept from picture to picture of a kind.
+
+    Attributes:
+        unplaced: the shot without places and sun.
+        scene: its files.
+        session: the last one.
+        renderer: closes what draws.
+    """
+
+    unplaced: Settings
+    scene: Scene
+    session: Session
+    renderer: ExitStack
+
+
+@dataclass(slots=True)
 class Stage:
     """Draws frames of shots; all calls come from one thread, which owns the renderer.
 
@@ -103,9 +120,7 @@ class Stage:
     on_progress: OnProgress = lambda done, total: None
     check: Callable[[], None] = lambda: None
     _plate: Plate | None = None
-    _bases: dict[Picturing, tuple[Settings, Scene, Session, ExitStack]] = field(
-        default_factory=dict
-    )  # by what they draw, with the settings without places, and the files
+    _bases: dict[Picturing, _Base] = field(default_factory=dict)
     _cameras: dict[object, tuple[SolvedCamera, PlateLines]] = field(default_factory=dict)
     _scenes: dict[object, Scene] = field(default_factory=dict)
     _lens: _Lens | None = None
@@ -180,8 +195,8 @@ class Stage:
 
     def close(self) -> None:
         """Free renderer, networks and files."""
-        for _, _, _, stack in self._bases.values():
-            stack.close()
+        for base in self._bases.values():
+            base.renderer.close()
         self._bases.clear()
         if self._plate is not None:
             self._plate.frames.close()
@@ -233,9 +248,9 @@ class Stage:
         unplaced = replace(settings, scene=without_sun(without_places(settings.scene)))
         scene = self._scene(settings)
         kept = self._bases.get(kind)
-        if kept is None or kept[0] != unplaced or kept[1] is not scene:
+        if kept is None or kept.unplaced != unplaced or kept.scene is not scene:
             if kept is not None:
-                self._bases.pop(kind)[3].close()
+                self._bases.pop(kind).renderer.close()
             session = open_session(
                 settings.scene, lens_request(settings, plate.frames.info), view,
                 Profiler(settings.budget_ms), plate.preview,
@@ -243,11 +258,10 @@ class Stage:
             )  # fmt: skip
             stack = ExitStack()
             stack.enter_context(session.render_context())
-            self._bases[kind] = unplaced, scene, session, stack
+            self._bases[kind] = _Base(unplaced, scene, session, stack)
             return session
-        session = placed(kept[2], settings, scene, view, hold_light=kind in QUICK)
-        self._bases[kind] = unplaced, scene, session, kept[3]
-        return session
+        kept.session = placed(kept.session, settings, scene, view, hold_light=kind in QUICK)
+        return kept.session
 
     def _with_lens(
         self, session: Session, preset: str, plate: Plate, frame: SourceFrame, kind: Picturing

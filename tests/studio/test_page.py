@@ -115,6 +115,33 @@ def test_light_from_around_is_a_map_of_the_folder_that_can_be_turned(browser, st
 
 
 @pytest.mark.needs_chromium
+def test_strip_of_pictures_ground_grid_and_reasons_of_effects_are_shown(page):
+    strip = page.locator("#thumbnails img")
+    strip.evaluate_all("all => Promise.all(all.map(one => one.decode()))")
+    assert strip.evaluate_all("all => all.map(one => one.naturalWidth > 50)") == [True] * 4
+    rows = page.locator("#drawn line:not(.horizon)").evaluate_all(
+        "all => all.flatMap(one => [one, one].map((line, end) => Number("
+        "line.getAttribute(end ? 'y2' : 'y1'))))"
+    )
+    assert len(rows) > 10 and min(rows) > 0.3  # on the ground: below the horizon
+    for effect in ("defocus", "grain"):
+        assert page.locator(f"#why-{effect}").text_content()
+
+
+@pytest.mark.needs_chromium
+def test_render_is_cancelled_in_the_page(browser, tmp_path):
+    shot = write_shot(tmp_path, frames=1000)
+    with opened(browser, shot) as (page, _):
+        page.locator("#render").click()
+        page.locator("#progress[value]").wait_for(timeout=WAIT_MS)
+        page.locator("#cancel").click()
+        page.wait_for_selector("body[data-render=cancelled]", timeout=WAIT_MS)
+        assert page.locator("#rendered").text_content() == "Cancelled; no result was written."
+        assert page.locator("#render").is_visible() and page.locator("#result").is_hidden()
+    assert not (tmp_path / "out.mp4").exists()
+
+
+@pytest.mark.needs_chromium
 def test_render_in_the_page_survives_its_tab(browser, tmp_path):
     shot = write_shot(tmp_path)
     with opened(browser, shot) as (page, server):

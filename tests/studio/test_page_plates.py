@@ -62,6 +62,10 @@ def test_object_is_dragged_and_rendered_on(browser, tmp_path, write):
         page.wait_for_selector("body[data-render=done], body[data-render=failed]", timeout=120_000)
         assert "failed" not in page.locator("#rendered").text_content()
         assert page.locator("body").get_attribute("data-render") == "done"
+        single = write in (odd, still)
+        assert page.locator("#film").is_hidden() == single
+        if write is not deep:  # no browser here plays H.265
+            page.locator("#result-picture" if single else "#result").wait_for()
     with contextlib.closing(open_seekable(str(tmp_path / result))) as rendered:
         first = 255.0 * next(iter(rendered)).picture.srgb()[..., ::-1]
     small = cv2.resize(first, shown.shape[1::-1], interpolation=cv2.INTER_AREA)

@@ -1,6 +1,7 @@
 """What the studio draws is what a run renders; its frames are the plate's."""
 
 import copy
+import json
 
 import cv2
 import numpy as np
@@ -116,6 +117,26 @@ def test_picture_of_a_moving_sun_has_its_shadow_and_guides(tmp_path, stage):
     inside = cv2.fillPoly(np.zeros(shaded.shape, np.uint8), [np.int32(outline)], 1) > 0
     assert shaded.sum() > 100
     assert (shaded & inside).sum() > 0.9 * shaded.sum()
+
+
+def test_white_lines_enclose_the_ground_that_is_in_focus(tmp_path, stage):
+    """Disparity grows evenly from the horizon down, so the lens tells the rows."""
+    state = ShotState(write_shot(tmp_path), TABLES)
+    horizon, focus_row, slope = TABLES["camera"]["horizon"], 0.7, 30.0
+    ground = stage.inspect(state.settings(TABLES)).ground
+    nearest = float(ground.disparity[-1].mean())
+    given = json.loads((tmp_path / "fit.json").read_text()) | {
+        "slope": slope, "intercept": -slope * nearest * (focus_row - horizon) / (1.0 - horizon),
+    }  # fmt: skip
+    (tmp_path / "lens.json").write_text(json.dumps(given))
+    lens = {"lens": {"fit": "lens.json"}}
+    data, said = stage.inspect(state.settings(TABLES | lens)).drawn()
+    assert "in focus" in said["lens"]
+    levels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    rows = np.flatnonzero(levels.min(axis=2).mean(axis=1) > 200) / levels.shape[0]
+    half = (1.0 - horizon) / (slope * nearest)  # of the band: a CoC of a pixel
+    assert rows.min() == pytest.approx(focus_row - half, abs=0.015)
+    assert rows.max() == pytest.approx(focus_row + half, abs=0.015)
 
 
 def test_lens_that_is_held_while_dragging_is_that_of_the_new_place(tmp_path, stage):

@@ -4,16 +4,13 @@
 /** @typedef {[number, number, number, number]} Line */
 /** @typedef {number[]} Found x0, y0, x1, y1 and the number of its direction */
 
+import { lineOf, one, onDrag, shape } from "./elements.js";
 import { rollOf } from "./ground.js";
 
-const SVG = "http://www.w3.org/2000/svg";
 const VERTICAL = 0;
 const CLUTTER = -1;
 const LEFT_OUT = -2;
 const SAME = 0.002; // between ends of one line, of the frame
-
-/** @template {Element} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
 
 /** Lines of a shot, four numbers each. @param {number[]} numbers @returns {Line[]} */
 export function linesOf(numbers) {
@@ -52,14 +49,9 @@ export class PlateLines {
     this.listLines();
     if (!visible || !this.shown) return;
     for (const line of this.all) {
-      const [x0 = 0, y0 = 0, x1 = 0, y1 = 0, group = CLUTTER] = line;
-      const drawn = document.createElementNS(SVG, "g");
-      drawn.setAttribute("class", `found ${nameOf(group)}${this.chosen && alike(this.chosen, line) ? " chosen" : ""}`);
-      for (const part of ["touch", "seen"]) {
-        const stroke = document.createElementNS(SVG, "line");
-        Object.entries({ x1: x0, y1: y0, x2: x1, y2: y1, class: part }).forEach(([key, value]) => stroke.setAttribute(key, String(value)));
-        drawn.append(stroke);
-      }
+      const chosen = this.chosen && alike(this.chosen, line) ? " chosen" : "";
+      const drawn = shape("g", { class: `found ${nameOf(line[4] ?? CLUTTER)}${chosen}` });
+      drawn.append(lineOf(line, "touch"), lineOf(line, "seen"));
       drawn.addEventListener("click", () => this.toggle([/** @type {Line} */ (line.slice(0, 4))]));
       held.append(drawn);
     }
@@ -212,11 +204,7 @@ export class HandLines {
     const shown = visible && this.shown;
     one("hand-ends").toggleAttribute("hidden", !shown);
     if (!shown) return;
-    this.lines.forEach(([x0, y0, x1, y1], at) => {
-      const line = document.createElementNS(SVG, "line");
-      Object.entries({ x1: x0, y1: y0, x2: x1, y2: y1, class: at < 2 ? "hand first" : "hand second" }).forEach(([key, value]) => line.setAttribute(key, String(value)));
-      held.append(line);
-    });
+    held.append(...this.lines.map((line, at) => lineOf(line, at < 2 ? "hand first" : "hand second")));
     this.ends.forEach((handle, at) => {
       const line = this.lines[at >> 1] ?? [0, 0, 0, 0];
       handle.style.left = `${100 * (line[2 * (at % 2)] ?? 0)}%`;
@@ -230,20 +218,10 @@ export class HandLines {
     handle.type = "button";
     handle.className = `handle end ${at < 2 ? "first" : "second"}`;
     handle.setAttribute("aria-label", `End ${end + 1} of line ${1 + (at % 2)} of the ${at < 2 ? "first" : "second"} pair. Arrow keys move it, with Shift farther.`);
-    handle.addEventListener("pointerdown", (down) => {
-      if (down.button) return;
-      handle.setPointerCapture(down.pointerId);
-      /** @param {PointerEvent} event */
-      const move = (event) => {
-        const frame = one("stage").getBoundingClientRect();
-        this.put(at, end, (event.clientX - frame.left) / frame.width, (event.clientY - frame.top) / frame.height, false);
-      };
-      handle.addEventListener("pointermove", move);
-      handle.addEventListener("lostpointercapture", () => {
-        handle.removeEventListener("pointermove", move);
-        this.onLines(this.lines, true);
-      }, { once: true });
-    });
+    onDrag(handle, () => (event) => {
+      const frame = one("stage").getBoundingClientRect();
+      this.put(at, end, (event.clientX - frame.left) / frame.width, (event.clientY - frame.top) / frame.height, false);
+    }, () => this.onLines(this.lines, true));
     handle.addEventListener("keydown", (event) => {
       const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
       const line = this.lines[at];

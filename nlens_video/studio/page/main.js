@@ -1,6 +1,7 @@
 // The page: joins shot, picture, panel and server.
 
 import { HandLines, PlateLines, cameraOfPairs, linesOf } from "./camera.js";
+import { one } from "./elements.js";
 import { horizonOf, rollOf, rounded } from "./ground.js";
 import { Live, QUICK } from "./live.js";
 import { Objects } from "./objects.js";
@@ -13,8 +14,6 @@ import { SunHandles } from "./sun.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 
-/** @template {HTMLElement} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (document.getElementById(id));
 /** @param {string} id */
 const field = (id) => /** @type {HTMLInputElement} */ (one(id));
 
@@ -206,18 +205,24 @@ function showRender(said) {
   const words = {
     none: "",
     running: `${said.what === "starting" ? "Starting" : said.what}${said.frames ? `: ${said.frames}${said.of ? ` of ${said.of}` : ""} frames` : " …"}`,
-    done: `Rendered ${said.output}: ${said.frames} frames, ${said.fps?.toFixed(1)} a second`,
+    done: `Rendered ${said.output}${said.frames > 1 ? `: ${said.frames} frames, ${said.fps?.toFixed(1)} a second` : ""}`,
     cancelled: "Cancelled; no result was written.",
     failed: `It failed: ${said.error}`,
   }[/** @type {"none" | "running" | "done" | "cancelled" | "failed"} */ (said.render)];
   one("rendered").textContent = words ?? "";
   document.body.dataset["render"] = said.render;
-  const video = /** @type {HTMLVideoElement} */ (one("result"));
-  video.hidden = true;
-  if (said.render === "done" && /\.(mp4|webm|m4v|mov)$/i.test(said.output)) {
-    video.onloadedmetadata = () => { video.hidden = false; };
-    video.src = `result?${Date.now()}`;
-  }
+  showResult(said.render === "done" ? said.output : "");
+}
+
+/** Show the result, where a browser can. @param {string} name of its file, empty for none */
+function showResult(name) {
+  const [video, picture] = [/** @type {HTMLVideoElement} */ (one("result")), /** @type {HTMLImageElement} */ (one("result-picture"))];
+  video.hidden = picture.hidden = true;
+  video.onloadedmetadata = () => { video.hidden = false; };
+  picture.onload = () => { picture.hidden = false; };
+  const now = `result?${Date.now()}`; // else a browser may show the last one
+  if (/\.(mp4|webm|m4v|mov)$/i.test(name)) video.src = now;
+  if (/\.(png|jpe?g|webp)$/i.test(name) && plate.frames === 1) picture.src = now;
 }
 
 async function showPlate() {
@@ -553,6 +558,7 @@ stage.shape(plate.aspect);
 one("plate-name").textContent = plate.name.split("/").pop();
 one("path").textContent = about.path;
 field("frame").max = String(plate.frames - 1);
+one("film").hidden = plate.frames < 2;
 one("reduced").hidden = !plate.reduced;
 one("reduced").textContent = `The plate has ${plate.width}×${plate.height}; it is shown at ${plate.shown.join("×")}, and rendered whole.`;
 one("around").append(...[...new Set([...about.environments, environment()])].filter(Boolean)

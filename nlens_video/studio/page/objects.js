@@ -1,17 +1,14 @@
 // The objects of the shot: which of them is edited, their list, their keys and their ways.
 
+import { listed, one, shape } from "./elements.js";
 import { rounded } from "./ground.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 /** @typedef {import("./shot.js").Table} Table */
 /** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, placed: boolean, path: number[][], stops: number[][], shadow: import("./sun.js").ShadowGuides | null}} ObjectGuides */
 
-const SVG = "http://www.w3.org/2000/svg";
 const OF_THE_SHOT = ["layers", "footprint", "footprint-node"]; // keys of the first object, whichever that is
 const BESIDE = 0.2; // of the frame's width, between an object and one that is added
-
-/** @template {HTMLElement} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (document.getElementById(id));
 
 export class Objects {
   /**
@@ -257,7 +254,7 @@ export class Objects {
     this.guides.forEach((guides, at) => {
       if (guides.path.length < 2) return;
       const name = at === this.selected ? "way" : "way other";
-      lines.append(shape(guides.path, name), ...guides.stops.map((stop) => shape([stop, stop], `${name} stop`)));
+      lines.append(way(guides.path, name), ...guides.stops.map((stop) => way([stop, stop], `${name} stop`)));
     });
   }
 }
@@ -285,9 +282,6 @@ function disable(id, off) {
 }
 
 /** @param {number[][]} points @param {string} name */
-function shape(points, name) {
-  const line = document.createElementNS(SVG, "polyline");
-  line.setAttribute("points", points.map((point) => point.join()).join(" "));
-  line.setAttribute("class", name);
-  return line;
+function way(points, name) {
+  return shape("polyline", { points: listed(points), class: name });
 }

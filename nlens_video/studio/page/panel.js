@@ -1,7 +1,6 @@
 // What the panel beside the picture says: effects and notes.
 
-/** @param {string} id @returns {HTMLElement} */
-const one = (id) => /** @type {HTMLElement} */ (document.getElementById(id));
+import { one } from "./elements.js";
 
 const LEAST_MS = 1; // of a node that has a bar of its own
 

@@ -1,13 +1,12 @@
 // A box or a polygon drawn on the picture: the part of the frame on whose ground the lens is fitted.
 
+import { listed, one } from "./elements.js";
+
 /** @typedef {[number, number]} Point */
 
 const DRAGGED_PX = 6; // a shorter way is a click, which sets a corner
 const CLOSING_PX = 14; // a click so near to the first corner closes the polygon
 const DIGITS = 3;
-
-/** @template {Element} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
 
 export class RegionPen {
   /** @param {(numbers: number[] | null) => void} onRegion takes the drawn region, null where drawing was given up */
@@ -103,7 +102,7 @@ export class RegionPen {
 
   /** @param {Point[]} points */
   show(points) {
-    this.sketch.setAttribute("points", points.map((point) => point.join()).join(" "));
+    this.sketch.setAttribute("points", listed(points));
   }
 }
 

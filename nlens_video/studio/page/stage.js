@@ -1,19 +1,16 @@
 // The picture, the lines over it, and the handles that move, scale and turn the object.
 
+import { lineOf, listed, one, onDrag, put } from "./elements.js";
 import { atDistance, clampSize, horizonAt, movedTo, rollOf } from "./ground.js";
 import { corners } from "./region.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 /** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, shadow: import("./sun.js").ShadowGuides | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
 
-const SVG = "http://www.w3.org/2000/svg";
 const TURN_DEG = 0.5; // a pixel of a drag
 const HORIZON_COLUMN = 0.05; // of the horizon's handle
 const ROLL_COLUMN = 0.7; // of the one that tilts it about the middle of the frame
 const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
-
-/** @template {Element} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
 
 export class Stage {
   /**
@@ -68,9 +65,7 @@ export class Stage {
   /** @param {number} aspect width by height of the frame */
   shape(aspect) {
     this.aspect = aspect;
-    this.element.style.aspectRatio = String(aspect);
-    this.element.style.maxWidth = `calc((100vh - 12rem) * ${aspect})`;
-    /** @type {HTMLElement} */ (one("beside")).style.aspectRatio = String(aspect);
+    one("pair").style.setProperty("--aspect", String(aspect));
   }
 
   /** How the picture is compared and with what; empty where it is not. @returns {string[]} */
@@ -114,13 +109,13 @@ export class Stage {
     const guides = this.guides;
     const seen = this.shown && (this.view === "final" || this.view === "sharp");
     const region = this.shown && this.region ? corners(this.region) : [];
-    one("region-shape").setAttribute("points", region.map((corner) => corner.join()).join(" "));
+    one("region-shape").setAttribute("points", listed(region));
     const row = seen && guides?.horizon ? (guides.horizon[0] + guides.horizon[1]) / 2 : null;
     one("horizon-handle").toggleAttribute("hidden", row === null);
     one("roll-handle").toggleAttribute("hidden", row === null);
     if (row !== null && guides?.horizon) {
-      put("horizon-handle", HORIZON_COLUMN, horizonAt(guides.horizon, HORIZON_COLUMN));
-      put("roll-handle", ROLL_COLUMN, horizonAt(guides.horizon, ROLL_COLUMN));
+      put(one("horizon-handle"), HORIZON_COLUMN, horizonAt(guides.horizon, HORIZON_COLUMN));
+      put(one("roll-handle"), ROLL_COLUMN, horizonAt(guides.horizon, ROLL_COLUMN));
       one("horizon-handle").setAttribute("aria-valuenow", String(Math.round(100 * row)));
       one("roll-handle").setAttribute("aria-valuenow", rollOf(guides.horizon, this.aspect).toFixed(1));
     }
@@ -131,13 +126,13 @@ export class Stage {
     const grip = /** @type {HTMLElement} */ (one("grip"));
     grip.hidden = !(handles && guides?.outline);
     if (!seen || !guides) return;
-    if (guides.placed) for (const line of guides.grid) this.line(line, "");
-    if (guides.horizon) this.line([0, guides.horizon[0], 1, guides.horizon[1]], "horizon");
+    if (guides.placed) this.lines.append(...guides.grid.map((line) => lineOf(line, "")));
+    if (guides.horizon) this.lines.append(lineOf([0, guides.horizon[0], 1, guides.horizon[1]], "horizon"));
     this.more(this.lines);
     if (!handles || !place) return;
-    put("move", place.at[0], place.at[1]);
-    put("scale", place.at[0], place.at[1] - place.size);
-    put("turn", place.at[0] + 0.6 * place.size, place.at[1]);
+    put(one("move"), place.at[0], place.at[1]);
+    put(one("scale"), place.at[0], place.at[1] - place.size);
+    put(one("turn"), place.at[0] + 0.6 * place.size, place.at[1]);
     if (guides.outline) {
       const [left, top, right, bottom] = guides.outline;
       Object.assign(grip.style, {
@@ -147,36 +142,21 @@ export class Stage {
     }
   }
 
-  /** @param {number[]} ends @param {string} name */
-  line(ends, name) {
-    const line = document.createElementNS(SVG, "line");
-    ["x1", "y1", "x2", "y2"].forEach((key, at) => line.setAttribute(key, String(ends[at])));
-    line.setAttribute("class", name);
-    this.lines.append(line);
-  }
-
   /**
    * @param {HTMLElement} element
    * @param {(start: Place, dx: number, dy: number) => Place} change by a way in pixels
    */
   drag(element, change) {
-    element.addEventListener("pointerdown", (down) => {
+    /** @type {Place | null} */
+    let last = null;
+    onDrag(element, (down) => {
       const start = this.place();
-      if (!start || down.button) return;
-      element.setPointerCapture(down.pointerId);
-      let last = start;
-      /** @param {PointerEvent} event */
-      const move = (event) => {
+      last = start;
+      return start && ((event) => {
         last = change(start, event.clientX - down.clientX, event.clientY - down.clientY);
         this.onPlace(last, false);
-      };
-      const up = () => {
-        element.removeEventListener("pointermove", move);
-        this.onPlace(last, true);
-      };
-      element.addEventListener("pointermove", move);
-      element.addEventListener("lostpointercapture", up, { once: true });
-    });
+      });
+    }, () => last && this.onPlace(last, true));
   }
 
   /**
@@ -188,22 +168,16 @@ export class Stage {
       const horizon = this.guides?.horizon;
       return horizon ? /** @type {[number, number]} */ ([(horizon[0] + horizon[1]) / 2, rollOf(horizon, this.aspect)]) : null;
     };
-    handle.addEventListener("pointerdown", (down) => {
+    /** @type {[number, number?]} */
+    let wanted = [0];
+    onDrag(handle, (down) => {
       const start = known();
-      if (!start || down.button) return;
-      handle.setPointerCapture(down.pointerId);
-      let wanted = change(start[0], 0, start[1]);
-      /** @param {PointerEvent} event */
-      const move = (event) => {
+      if (start) wanted = change(start[0], 0, start[1]);
+      return start && ((event) => {
         wanted = change(start[0], (event.clientY - down.clientY) / this.element.getBoundingClientRect().height, start[1]);
         this.onHorizon(wanted[0], false, wanted[1]);
-      };
-      handle.addEventListener("pointermove", move);
-      handle.addEventListener("lostpointercapture", () => {
-        handle.removeEventListener("pointermove", move);
-        this.onHorizon(wanted[0], true, wanted[1]);
-      }, { once: true });
-    });
+      });
+    }, () => this.onHorizon(wanted[0], true, wanted[1]));
     handle.addEventListener("keydown", (event) => {
       const start = known();
       const way = { ArrowUp: -1, ArrowDown: 1 }[event.key];
@@ -286,11 +260,4 @@ function fitted(canvas, picture) {
     canvas.height = picture.height;
   }
   return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-}
-
-/** @param {string} id @param {number} x @param {number} y */
-function put(id, x, y) {
-  const handle = /** @type {HTMLElement} */ (one(id));
-  handle.style.left = `${100 * Math.min(0.98, Math.max(0.02, x))}%`;
-  handle.style.top = `${100 * Math.min(0.97, Math.max(0.03, y))}%`;
 }

@@ -1,17 +1,15 @@
 // The sun: on a disc over the picture, and by the end of the shadow that it casts on the ground.
 
+import { listed, one, onDrag, put, shape } from "./elements.js";
+
 /** @typedef {[number, number, number]} Triple */
 /** @typedef {Triple} Sun azimuth and height in degrees, strength */
 /** @typedef {{seen: number[][], body: Triple[]}} ShadowGuides */
 /** @typedef {[number, number]} Point */
 
-const SVG = "http://www.w3.org/2000/svg";
 const LOWEST = 2; // degrees
 const STRENGTH = { usual: 2, least: 0.25, most: 8, step: 0.25 }; // as of the option and the sliders
 const BEYOND = 3; // of the object's height, that the ray goes on above its top
-
-/** @template {Element} T @param {string} id @returns {T} */
-const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
 
 export class SunHandles {
   /** @param {(sun: Sun, done: boolean) => void} onSun */
@@ -23,7 +21,7 @@ export class SunHandles {
     this.guides = null;
     this.held = false;
     this.drag(one("sun-handle"), (x, y) => this.onSky(x, y));
-    this.drag(one("sky").querySelector("svg"), (x, y) => this.onSky(x, y));
+    this.drag(/** @type {SVGElement} */ (one("sky").querySelector("svg")), (x, y) => this.onSky(x, y));
     this.drag(one("shadow-tip"), (x, y) => this.onGround(x, y));
     for (const id of ["sun-handle", "shadow-tip"]) {
       /** @type {HTMLElement} */ (one(id)).addEventListener("keydown", (event) => this.key(event, id));
@@ -54,12 +52,12 @@ export class SunHandles {
     this.show(this.sun);
     const foot = guides && onPicture(guides, [0, 0, 0]);
     if (!guides || !foot) return;
-    if (this.held) held.append(shape("polygon", hull(this.shadow(guides, this.sun)), "shade"));
+    if (this.held) held.append(drawn("polygon", hull(this.shadow(guides, this.sun)), "shade"));
     const [top, far] = [0, BEYOND].map((way) => onPicture(guides, along([0, 1, 0], toward(this.sun ?? [0, 0, 0]), way)));
-    if (tip) held.append(shape("polyline", [foot, tip], "cast"));
+    if (tip) held.append(drawn("polyline", [foot, tip], "cast"));
     const ray = [tip, top, far].filter((point) => point !== null && point !== undefined);
-    if (ray.length > 1) held.append(shape("polyline", ray, "ray"));
-    if (tip) place(one("shadow-tip"), tip);
+    if (ray.length > 1) held.append(drawn("polyline", ray, "ray"));
+    if (tip) put(one("shadow-tip"), ...tip);
   }
 
   /** @param {Sun} sun */
@@ -95,30 +93,26 @@ export class SunHandles {
     return end && given(-end[0], -end[1], degrees(Math.atan2(1, Math.hypot(...end))), sun);
   }
 
-  /** @param {HTMLElement | SVGElement | null} handle @param {(x: number, y: number) => Sun | null} at the sun for a place of the window */
+  /** @param {HTMLElement | SVGElement} handle @param {(x: number, y: number) => Sun | null} at the sun for a place of the window */
   drag(handle, at) {
-    handle?.addEventListener("pointerdown", (event) => {
-      const down = /** @type {PointerEvent} */ (event);
-      if (!this.sun || down.button) return;
+    onDrag(handle, (down) => {
+      if (!this.sun) return null;
       down.preventDefault();
       const box = handle.getBoundingClientRect();
       const button = handle instanceof HTMLElement;
       const [dx, dy] = button ? [box.left + box.width / 2 - down.clientX, box.top + box.height / 2 - down.clientY] : [0, 0];
-      handle.setPointerCapture(down.pointerId);
       this.held = true;
       /** @param {PointerEvent} event */
       const move = (event) => {
         const sun = at(event.clientX + dx, event.clientY + dy);
         if (sun) this.onSun(sun, false);
       };
-      handle.addEventListener("pointermove", /** @type {EventListener} */ (move));
-      handle.addEventListener("lostpointercapture", () => {
-        handle.removeEventListener("pointermove", /** @type {EventListener} */ (move));
-        this.held = false;
-        if (this.sun) this.onSun(this.sun, true);
-      }, { once: true });
       if (button) handle.focus();
       else move(down);
+      return move;
+    }, () => {
+      this.held = false;
+      if (this.sun) this.onSun(this.sun, true);
     });
   }
 
@@ -232,16 +226,7 @@ function degrees(value) {
   return (value * 180) / Math.PI;
 }
 
-/** @param {HTMLElement} handle @param {Point} at */
-function place(handle, [x, y]) {
-  handle.style.left = `${100 * Math.min(0.98, Math.max(0.02, x))}%`;
-  handle.style.top = `${100 * Math.min(0.97, Math.max(0.03, y))}%`;
-}
-
 /** @param {string} kind @param {Point[]} points @param {string} name */
-function shape(kind, points, name) {
-  const drawn = document.createElementNS(SVG, kind);
-  drawn.setAttribute("points", points.map((point) => point.join()).join(" "));
-  drawn.setAttribute("class", name);
-  return drawn;
+function drawn(kind, points, name) {
+  return shape(kind, { points: listed(points), class: name });
 }

@@ -1,0 +1,52 @@
+// Elements of the page: found, drawn over the picture, put on it, and dragged.
+
+const SVG = "http://www.w3.org/2000/svg";
+
+/** @typedef {(event: PointerEvent) => void} Moved */
+
+/** @template {Element} [T=HTMLElement] @param {string} id @returns {T} */
+export const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
+
+/** A shape in fractions of the frame. @param {string} kind @param {{[name: string]: string | number}} attributes */
+export function shape(kind, attributes) {
+  const drawn = document.createElementNS(SVG, kind);
+  Object.entries(attributes).forEach(([name, value]) => drawn.setAttribute(name, String(value)));
+  return drawn;
+}
+
+/** @param {number[]} ends x0, y0, x1, y1 @param {string} name its class */
+export function lineOf([x1 = 0, y1 = 0, x2 = 0, y2 = 0], name) {
+  return shape("line", { x1, y1, x2, y2, class: name });
+}
+
+/** Points as a shape has them. @param {number[][]} points */
+export function listed(points) {
+  return points.map((point) => point.join()).join(" ");
+}
+
+/** Put a handle on the picture, never beyond its border. @param {HTMLElement} handle @param {number} x @param {number} y */
+export function put(handle, x, y) {
+  handle.style.left = `${100 * Math.min(0.98, Math.max(0.02, x))}%`;
+  handle.style.top = `${100 * Math.min(0.97, Math.max(0.03, y))}%`;
+}
+
+/**
+ * Follow the pointer from where it is pressed on an element until it is lifted.
+ * @param {Element} element
+ * @param {(down: PointerEvent) => Moved | null} begin gives what each motion does, null where nothing is dragged
+ * @param {() => void} end
+ */
+export function onDrag(element, begin, end) {
+  element.addEventListener("pointerdown", (event) => {
+    const down = /** @type {PointerEvent} */ (event);
+    const moved = down.button ? null : begin(down);
+    if (!moved) return;
+    const move = /** @type {EventListener} */ (moved);
+    element.setPointerCapture(down.pointerId);
+    element.addEventListener("pointermove", move);
+    element.addEventListener("lostpointercapture", () => {
+      element.removeEventListener("pointermove", move);
+      end();
+    }, { once: true });
+  });
+}
