@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.solved import CameraErrors, SolvedCamera
 from nlens_video.core.numbers import with_error
 
 _PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
@@ -21,6 +21,11 @@ def what_was_found(solved: SolvedCamera) -> str:
     first, errors = solved.keys[0], solved.errors
     level = round(first.pitch_deg, 1) + 0.0  # no negative zero
     fov, pitch = f"{first.fov_x_deg:.3g}", f"{level:.1f}"
+    if solved.fov == solved.horizon == "measured" and errors == CameraErrors():
+        return (
+            f"the plate's camera: field of view {fov} degrees, pitch {pitch}, path {solved.path}; "
+            "its file does not say how sure they are"
+        )
     if solved.fov == "assumed":
         fov = with_error(first.fov_x_deg, errors.fov_deg)
     if solved.horizon == "assumed":

@@ -59,3 +59,9 @@ def test_what_was_found_has_the_digits_of_its_error_and_nothing_is_said_twice():
     assert "pitch 0.0 ± 9.0 (assumed), path rotation" in what_was_found(
         replace(guess, path="rotation")
     )
+
+
+def test_camera_of_a_file_that_states_no_errors_is_not_called_measured():
+    line = what_was_found(camera(errors=CameraErrors(), path="moving"))
+    assert "field of view 50 degrees, pitch 0.0, path moving; its file does not say how" in line
+    assert "measured" not in line
