@@ -26,11 +26,19 @@ def board(rng, lean_deg):
     return middle + flat @ turn.T
 
 
-def path(leans_deg, seed=4):
-    """A camera that walks straight over a ground with boards, solved at its focal length."""
+def path(leans_deg, seed=4, pole=0):
+    """A camera that walks straight over a ground with boards, solved at its focal length.
+
+    Args:
+        leans_deg: of each board [deg].
+        seed: of all places.
+        pole: points on an upright pole.
+    """
     rng = np.random.default_rng(seed)
     ground = np.column_stack([rng.uniform(-3, 3, 300), np.zeros(300), rng.uniform(-9, 0.5, 300)])
     points = np.concatenate([ground, *(board(rng, lean) for lean in leans_deg)])
+    heights = np.linspace(0.1, 1.2, pole)
+    points = np.concatenate([points, np.stack(np.broadcast_arrays(0.9, heights, -2.0), axis=1)])
     poses, frames = [], []
     for share in np.linspace(0.0, 1.0, KEYFRAMES):
         pose = np.eye(4)
@@ -80,3 +88,8 @@ def test_one_board_that_leans_leaves_the_focal_length_uncertain():
 def test_ground_alone_tells_no_focal_length():
     planes = standing(path([]))
     assert np.ptp(planes.log(np.linspace(-0.5, 0.5, 11))) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_upright_pole_alone_tells_no_focal_length():
+    planes = standing(path([], pole=60))
+    assert found(planes)[1] > 0.1

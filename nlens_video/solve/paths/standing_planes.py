@@ -27,6 +27,7 @@ _WIDE = 0.25  # from a point to others of its plane [frame's width]
 _FEWEST, _MOST_PLANES = 10, 16
 _MOST = 600  # points that are looked at, evenly
 _ROUNDS = 3
+_LEAST_INFORMATION = 1e-12  # of the whole: points of one line leave their plane's turn open [1]
 _UPRIGHT = (0.5, math.radians(0.5)), (0.3, math.radians(5.0))  # share of planes, and how they lean
 _ANY = 0.2  # share of the planes that stand anyhow
 
@@ -162,6 +163,7 @@ def _fitted(
     weights: Float64 = np.ones(len(y))
     for _ in range(_ROUNDS):
         information = x.T @ (weights[:, None] * x)
+        information += _LEAST_INFORMATION * np.trace(information) * np.eye(3)
         plane = np.linalg.solve(information, x.T @ (weights * y))
         weights = 1.0 / (1.0 + (x @ plane - y) ** 2)
     return np.asarray(plane), np.asarray(np.linalg.inv(information))
