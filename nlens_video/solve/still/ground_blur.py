@@ -19,14 +19,14 @@ from nlens_video.core.layers import CocMap, Float64
 _STEP = 8  # the map is smooth: every eighth row and column tells all [px of 960]
 _LEAST_ERROR, _WORST_ERROR = 0.7e-3, 8e-3  # of the CoC, by the frame's width [1]
 _FEWEST = 100
-_INDEPENDENT = 15.0  # samples of a map that err on their own; by the roll of known cameras
+_INDEPENDENT = 40.0  # samples of a map that err on their own; by the roll of known cameras
 _CUT = 3.0  # residuals beyond so many errors stop counting in the search
 _SLOPES = -np.array([10.0, 20.0, 40.0, 70.0, 110.0, 160.0]) / 960.0
 _FOCUSED = np.linspace(-0.3, 0.4, 15)
 _LEAST_SLOPE = 10.0 / 960.0  # below it the network's own errors slope as much [1]
 _WORST_ROLL = math.radians(3.0)
 _ROLL_FLOOR = math.radians(0.7)
-_INFINITY = math.log(0.023), 1.0  # CoC at infinity by the frame's width: middle, spread [log]
+_INFINITY = math.log(0.02), 0.8  # CoC at infinity by the frame's width: middle, spread [log]
 _FOCUS_ERROR = 0.01  # nearest that the horizon comes to the line in focus [frame's width]
 _OUTLIER = 0.2  # share of plates whose map tells something else
 
