@@ -29,12 +29,14 @@ WAIT_MS, LEAST_PX = 300_000, 400  # columns of a canvas on which something is dr
 WATCH = """(id) => {
   window.waits = [];
   let moved = null;
-  document.getElementById(id).addEventListener("pointermove", () => { moved ??= performance.now(); });
+  document.getElementById(id).addEventListener("pointermove", () => {
+    moved ??= performance.now();
+  });
   new MutationObserver(() => {
     if (moved !== null) window.waits.push(performance.now() - moved);
     moved = null;
   }).observe(document.body, { attributeFilter: ["data-drawn"] });
-}"""  # noqa: E501
+}"""
 
 
 def main() -> None:
