@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
-from nlens_video.core.errors import UsageError
+from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import CocMap, Float32, Picture
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM
 from nlens_video.core.scale import ScaleSettings
@@ -43,6 +43,7 @@ from nlens_video.video.info import SourceInfo
 _PICTURE_PX = 960  # width of a picture of the report [px]
 _WIDEST = 1280  # pictures are solved at this width at most [px]
 _GIVEN_ERROR = 1e-3
+_MOST_OFF = 0.01  # of the width, by which half of the points may be off on a path [1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +101,7 @@ def solve_plate(
         raise UsageError(f"--range {start}:{end or ''}: the source has no such frames")
     camera = doubted_where_steep(solver.solve(), solver.segments)
     tracked = reproject(solver.seen, solver.times_s, camera)
+    require_path(camera, tracked)
     error = tracked.median_px
     method = f"{camera.method}{said}" if camera.fov == "metadata" else camera.method
     camera = replace(
@@ -113,6 +115,26 @@ def solve_plate(
     )
     camera = replace(camera, keys=keys, place=place, place_guessed=guessed)
     return Solved(camera, solver, tracked, frames)
+
+
+def require_path(solved: SolvedCamera, tracked: Reprojection) -> None:
+    """Refuse a path that does not explain what was seen.
+
+    Args:
+        solved: the cameras.
+        tracked: points, at the size of the solved camera.
+
+    Raises:
+        InputError: the camera moves, and half of the points or more are elsewhere.
+    """
+    off = tracked.median_px
+    if solved.path == "still" or off is None or off <= _MOST_OFF * solved.width:
+        return
+    raise InputError(
+        "the camera seems to move, but no path explains its points: half of them are seen over "
+        f"{_MOST_OFF:.0%} of the width beside it; most of the picture moves by itself; leave these "
+        "frames out by --range, or give --camera-from"
+    )
 
 
 def _in_metres(

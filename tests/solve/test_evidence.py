@@ -8,6 +8,8 @@ from support.camera_paths import SIZE, focal_of, project, rotation
 from support.seen_points import observed
 
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
+from nlens_video.cli.plate_solver import require_path
+from nlens_video.core.errors import InputError
 from nlens_video.solve.evidence import (
     CLUTTER,
     VERTICAL,
@@ -47,6 +49,18 @@ def seen_by(poses, change=None):
 
 WALK = [(rotation(0.02 * n, -0.25, 0.01 * n), (0.1 * n, 1.5, -0.05 * n)) for n in range(8)]
 PAN = [(rotation(0.03 * n, -0.25, 0.0), (0.0, 1.5, 0.0)) for n in range(8)]
+
+
+def test_a_path_beside_which_half_of_the_points_lie_is_refused_and_a_still_camera_is_none():
+    times = [float(n) for n in range(len(WALK))]
+    camera = replace(camera_of(WALK), path="moving")
+    require_path(camera, reproject(seen_by(WALK), times, camera))
+    rng = np.random.default_rng(5)
+    stray = {frame: rng.normal(0.0, 0.05 * SIZE[0], 2) for frame in range(len(WALK))}
+    tracked = reproject(seen_by(WALK, stray), times, camera)
+    with pytest.raises(InputError, match="half of them are seen over 1% of the width beside it"):
+        require_path(camera, tracked)
+    require_path(replace(camera, path="still"), tracked)
 
 
 @pytest.mark.parametrize("poses", [WALK, PAN], ids=["walk", "pan"])
