@@ -91,10 +91,10 @@ $(VENV)/.installed: $(SOURCES) | $(BIN)/python
 	@$(PIP) install -c constraints.txt -e .
 	@touch $@
 
-$(VENV)/.installed-test: $(VENV)/.installed
-	@echo "Installing what the tests need"
+$(VENV)/.installed-test: $(SOURCES) | $(BIN)/python
+	@echo "Installing into $(VENV), with what the tests need"
 	@$(PIP) install -c constraints.txt -e '.[train,test]'
-	@touch $@
+	@touch $(VENV)/.installed $@
 
 install: system $(VENV)/.installed
 

@@ -62,7 +62,7 @@ class Glb:
         self.gltf.accessors.append(made)
         return len(self.gltf.accessors) - 1
 
-    def node(self, name: str, parent: int | None = None, **fields: Any) -> int:  # noqa: ANN401
+    def node(self, name: str, parent: int | None = None, **fields: Any) -> int:  # noqa: ANN401  as glTF's nodes have
         """Add a node under `parent`, or at the root; returns its index."""
         self.gltf.nodes.append(gl.Node(name=name, children=[], **fields))
         index = len(self.gltf.nodes) - 1

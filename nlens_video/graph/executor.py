@@ -139,6 +139,8 @@ class GraphExecutor:
         self._track = fit if isinstance(fit, FitTrack) else None
         self._live = live
         self._zoom = zoom
+        self._frame_box = Box(0, 0, 0, 0)
+        self._last: dict[Node, tuple[list[object], object]] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -165,9 +167,10 @@ class GraphExecutor:
             following: pictures of the frames after it, as far as they are known yet.
         """
         picture = frame.picture
-        box = Box(0, 0, picture.width, picture.height)
+        if (self._frame_box.width, self._frame_box.height) != (picture.width, picture.height):
+            self._frame_box = Box(0, 0, picture.width, picture.height)
         values = FrameValues(
-            frame=frame, picture=picture, frame_box=box, following=following or None
+            frame=frame, picture=picture, frame_box=self._frame_box, following=following or None
         )
         return FrameState(frame, values)
 
@@ -222,7 +225,14 @@ class GraphExecutor:
     def _timed(self, state: FrameState, node: Node) -> object:
         arguments = node.arguments(state.values)
         with self.profiler.timed(state.frame.index, node.name):
-            return node.run(*arguments)
+            if not node.same_with:
+                return node.run(*arguments)
+            given = [getattr(state.values, port) for port in node.same_with]
+            before, value = self._last.get(node, ([], None))
+            if len(before) != len(given) or not all(map(operator.is_, before, given)):
+                value = node.run(*arguments)
+                self._last[node] = given, value
+            return value
 
     def _write(self, state: FrameState, node: Node, value: object) -> None:
         setattr(state.values, node.writes, value)

@@ -3,6 +3,7 @@
 import os
 import pickle
 import threading
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from fractions import Fraction
@@ -62,6 +63,24 @@ def test_result_is_written_into_the_array_that_is_given(lens, glb, form):
     assert lens.process(frame, 0.1, out) is out
     np.testing.assert_array_equal(out, expected)
     assert not wide[:, 1::2].any()
+
+
+def test_frame_that_takes_its_own_result_costs_no_memory_of_its_size(glb):
+    frame = np.random.default_rng(0).integers(0, 256, (1080, 1920, 3), np.uint8)
+
+    def most_bytes(out):
+        tracemalloc.start()
+        lens.process(frame, 0.1, out)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    with Compositor(glb, preset="draft", effects="none", fit=FIT, fps=25) as lens:
+        lens.process(frame, 0.0)
+        for _ in range(2):  # what is kept from frame to frame is there then
+            lens.process(frame, 0.1, frame)
+        in_place, anew = most_bytes(frame), most_bytes(None)
+    assert in_place < frame.nbytes < 1.01 * (anew - in_place)
 
 
 @pytest.mark.parametrize(

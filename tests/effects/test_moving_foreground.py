@@ -78,6 +78,23 @@ def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
     assert found.steady
 
 
+@pytest.mark.parametrize(("side", "far"), [(6, 0), (8, 4)])
+def test_the_edge_of_a_lamp_that_sways_goes_nowhere_and_a_small_thing_does(side, far):
+    light = scene()
+    light = cv2.resize(light, (384, 205), interpolation=cv2.INTER_LINEAR)
+    survey = Survey((384, 205))
+    for index in range(30):
+        seen = light.copy()
+        left = 100 + far * (index - 14) if index in (12, 13) else 0
+        if left:
+            seen[60 : 60 + side - 1, left : left + side - 1] = RED
+        survey.add(root(seen))
+    small = survey.result()
+    assert small is not None
+    assert survey.changes(Box(80, 50, 140, 80))
+    assert small.moves(Box(80, 50, 140, 80)) == (far > 0)
+
+
 def test_a_shadow_is_no_thing_and_what_casts_it_is():
     light = scene()
     seen = light.copy()

@@ -66,3 +66,15 @@ def test_libraries_are_found_without_sbin_on_the_path():
         env={"PATH": path}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("host", ["VAPOURSYNTH", "BPY"])
+def test_missing_python_of_a_host_is_said_with_the_variable_that_names_one(host):
+    run = subprocess.run(
+        ["make", "-B", "-C", ROOT, f".venv-{host.lower()}/.installed", f"PYTHON_{host}=",
+         f"PYTHON={sys.executable}"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode != 0 and "found. Name one: make " in run.stderr
+    assert f"PYTHON_{host}=…" in run.stderr

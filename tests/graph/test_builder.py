@@ -129,6 +129,33 @@ def test_object_in_focus_is_not_reblurred():
     assert "reblur" not in nodes and "composite" in nodes
 
 
+class Resting(Slab):
+    """A slab that comes nearer on frame 2 and rests on the others; its layer may be kept."""
+
+    def __init__(self, *, kept):
+        super().__init__()
+        self.kept, self.drawn = kept, {}
+
+    def render(self, placement, fit):
+        self.near = 1.2 if placement.time_s < 2 / 25 else 1.1
+        if self.near not in self.drawn or not self.kept:
+            self.drawn[self.near] = super().render(placement, fit)
+        return self.drawn[self.near]
+
+
+@pytest.mark.parametrize("preset", ["draft", "standard"])
+def test_an_object_that_rests_is_blurred_once_and_looks_as_if_it_were_blurred_on_each_frame(preset):
+    kept, redrawn = (steps(preset, objects=Resting(kept=one), fit=FIT)[0] for one in (True, False))
+    seen = [run(kept, index).values for index in range(4)]
+    drawn_again = [run(redrawn, index).values for index in range(4)]
+    each = [values.defocused for values in seen]
+    assert each[0] is each[1] and each[1] is not each[2] and each[2] is each[3]
+    assert len({id(values.defocused) for values in drawn_again}) == 4
+    for one, other in zip(seen, drawn_again, strict=True):
+        assert np.array_equal(one.blurred.rgba, other.blurred.rgba)
+    assert not np.array_equal(seen[1].blurred.rgba, seen[2].blurred.rgba)
+
+
 def test_effects_none_builds_no_defocus_node():
     runner, _ = steps(effects="none")
     assert {node.name for node in runner.graph.nodes} == {

@@ -1,11 +1,17 @@
 """Nodes: ports derived from signatures, alternatives, operations and conditions."""
 
+from typing import TYPE_CHECKING
+
 import pytest
 
 from nlens_video.core.layers import Box
 from nlens_video.graph.base.node import Condition, Node, port_type, ports_of
 from nlens_video.graph.base.values import FrameValues
 from nlens_video.graph.pipeline_file import NODES
+
+if TYPE_CHECKING:
+    from nlens_video.core.layers import BlurredLayer, DefocusedLayer, ObjectLayer, Picture
+    from nlens_video.core.lens_fit import LensFit
 
 
 def values(**ports):
@@ -16,21 +22,21 @@ def values(**ports):
 class FromLayer(Node):
     name, writes = "from-layer", "blurred"
 
-    def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":  # noqa: F821
+    def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":
         return "from the layer"
 
 
 class FromDefocused(Node):
     name, writes = "from-defocused", "blurred"
 
-    def __call__(self, defocused: "DefocusedLayer") -> "BlurredLayer":  # noqa: F821
+    def __call__(self, defocused: "DefocusedLayer") -> "BlurredLayer":
         return "from the defocused layer"
 
 
 class Operation(Node):
     name, writes = "operation", "blurred"
 
-    def __call__(self, blurred: "BlurredLayer", fit: "LensFit | None") -> "BlurredLayer":  # noqa: F821
+    def __call__(self, blurred: "BlurredLayer", fit: "LensFit | None") -> "BlurredLayer":
         return f"{blurred}, changed"
 
 
@@ -54,7 +60,7 @@ def test_node_class_with_a_wrong_port_type_is_refused():
         class Wrong(Node):
             name, writes = "wrong", "blurred"
 
-            def __call__(self, layer: "Picture") -> "BlurredLayer":  # noqa: F821
+            def __call__(self, layer: "Picture") -> "BlurredLayer":
                 return layer
 
 
@@ -64,8 +70,19 @@ def test_node_class_with_an_unknown_port_is_refused():
         class Wrong(Node):
             name, writes = "wrong", "blurred"
 
-            def __call__(self, sparkle: "Picture") -> "BlurredLayer":  # noqa: F821
+            def __call__(self, sparkle: "Picture") -> "BlurredLayer":
                 return sparkle
+
+
+def test_node_class_that_is_the_same_with_no_input_of_its_own_is_refused():
+    with pytest.raises(TypeError, match=r"same_with names \['fit'\], no inputs of it"):
+
+        class Wrong(Node):
+            name, writes = "wrong", "blurred"
+            same_with = ("layer", "fit")
+
+            def __call__(self, layer: "ObjectLayer") -> "BlurredLayer":
+                return "from the layer"
 
 
 def test_node_class_with_a_wrong_result_type_is_refused():
@@ -74,7 +91,7 @@ def test_node_class_with_a_wrong_result_type_is_refused():
         class Wrong(Node):
             name, writes = "wrong", "blurred"
 
-            def __call__(self, picture: "Picture") -> "Picture":  # noqa: F821
+            def __call__(self, picture: "Picture") -> "Picture":
                 return picture
 
 
@@ -91,7 +108,7 @@ def test_condition_on_an_unknown_port_is_refused():
 
 
 def test_condition_is_false_on_a_frame_without_its_port():
-    def wide(frame_box: "Box", layer: "ObjectLayer") -> bool:  # noqa: F821
+    def wide(frame_box: "Box", layer: "ObjectLayer") -> bool:
         return frame_box.width > 3
 
     condition = Condition("wide", "the frame is wide", wide)

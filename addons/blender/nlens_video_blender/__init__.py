@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import bpy
+from bpy_extras.io_utils import ImportHelper
 
 from . import job, layers, plate
 
@@ -128,12 +129,11 @@ class NLENS_OT_composite(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class NLENS_OT_import_camera(bpy.types.Operator):
+class NLENS_OT_import_camera(bpy.types.Operator, ImportHelper):
     """Import a camera.glb that `nlens-video solve` wrote, and look through it."""
 
     bl_idname = "nlens.import_camera"
     bl_label = "Import solved camera"
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
     filter_glob: bpy.props.StringProperty(default="*.glb;*.gltf", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -152,18 +152,12 @@ class NLENS_OT_import_camera(bpy.types.Operator):
         context.scene.camera = cameras[0]
         return {"FINISHED"}
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the file."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
-
-class NLENS_OT_import_layers(bpy.types.Operator):
+class NLENS_OT_import_layers(bpy.types.Operator, ImportHelper):
     """Put the layers that `--aov` wrote into the compositor, as a node group over the plate."""
 
     bl_idname = "nlens.import_layers"
     bl_label = "Layers into the compositor"
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH")
     filter_glob: bpy.props.StringProperty(default="*.exr", options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -175,11 +169,6 @@ class NLENS_OT_import_layers(bpy.types.Operator):
             return {"CANCELLED"}
         layers.place(context.scene, group)
         return {"FINISHED"}
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for one of the files."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
 
 class NLENS_PT_panel(bpy.types.Panel):

@@ -16,6 +16,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.reservoir import LEAST_PICTURES, MOVED, Reservoir, largest
+from nlens_video.effects.foreground.things import LEAST_AREA
 
 SMALL_WIDTH = 384
 """Pictures are searched for things that move at this width at most [px]."""
@@ -23,6 +24,7 @@ _DARKEST, _BRIGHTEST = 0.1, 0.97  # roots of light that tell a gain [1]
 _EVERY = 29  # pixels, for a gain
 _LEAST_WIDTH = 5  # pixels of the small picture, of what crosses a place; swaying edges are narrower
 _IN_PLACE = 0.625  # of all that a thing ever covers, which it covers at once if it goes nowhere [1]
+_LEAST_PATH = 1.6  # of the area of the least thing, that it covers in all if it goes anywhere
 _OFTEN = 3  # pictures on which what goes nowhere covers half as much
 _UNSTEADY = 8.0 / 255.0  # usual change of a root of light where the camera moves
 _MOST_UNSTEADY, _MOST_MOVING = 0.25, 0.75  # of the frame
@@ -123,7 +125,8 @@ class Survey:
         """Where (h, w) something changes that goes anywhere.
 
         What stirs, or a lamp that flickers, covers on one picture most of what it ever covers, and
-        does so again and again; what is fast is at a place only once.
+        does so again and again; what is fast is at a place only once. What the least thing would
+        cover as it goes by is more than the edge of a lamp that sways.
         """
         count, labels = cv2.connectedComponents(changed.astype(np.uint8))
         whole = np.bincount(labels.ravel(), minlength=count)
@@ -133,6 +136,7 @@ class Survey:
         ]
         often = (np.array(shares) > 0.5 * _IN_PLACE).sum(axis=0) >= _OFTEN
         stays = often & (np.max(shares, axis=0) > _IN_PLACE)
+        stays |= whole < _LEAST_PATH * LEAST_AREA * labels.size
         stays[0] = True
         return np.asarray(~stays[labels])
 

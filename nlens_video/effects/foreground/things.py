@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.reservoir import MOVED
+from nlens_video.effects.foreground.reservoir import MOVED, largest
 
 _LOW = 0.5  # of the change that makes a thing, for the rest of it
-_LEAST_AREA = 3e-4  # of the frame
+LEAST_AREA = 3e-4
+"""Of a thing, by that of the frame [1]."""
 _DARKEST, _LIGHTEST = 0.2, 0.97  # light that a shadow leaves [1]
 _TINT = 0.2  # a shadow's change of colour, of the light that it takes
 _TEXTURE = 0.16  # standard deviation of the logarithm of the light that a shadow leaves
@@ -53,7 +54,7 @@ def things_mask(roots: Float32, background: Float32, noise: Float32) -> Bool:
         noise: of a picture (h, w) [1].
     """
     change = cv2.blur(roots - background, (3, 3))
-    off = np.abs(change).max(axis=2)
+    off = largest(np.abs(change))
     limit = np.maximum(np.float32(MOVED), 5.0 * noise)
     strong, weak = off > limit, off > np.float32(_LOW) * limit
     shadow = _shadow(roots, background)
@@ -105,8 +106,8 @@ def _shadow(roots: Float32, background: Float32) -> Bool:
         cv2.blur(background, (3, 3)) + tiny
     )
     logs = np.log(np.maximum(ratio, np.float32(1e-3)))
-    mean = logs.mean(axis=2)
-    tint = np.abs(logs - mean[..., None]).max(axis=2)
+    mean = (logs[..., 0] + logs[..., 1] + logs[..., 2]) / np.float32(3.0)
+    tint = largest(np.abs(logs - mean[..., None]))
     side = (_WINDOW, _WINDOW)
     local = cv2.blur(mean, side)
     spread = np.sqrt(np.maximum(cv2.blur(mean * mean, side) - local * local, 0.0))
@@ -146,7 +147,7 @@ def find_regions(mask: Bool) -> list[Region]:
     found = []
     for number in dict.fromkeys(owner):
         parts = [one for one in numbers if owner[one] == number]
-        if areas[parts].sum() < _LEAST_AREA * mask.size:
+        if areas[parts].sum() < LEAST_AREA * mask.size:
             continue
         box = boxes[number]
         for one in parts:

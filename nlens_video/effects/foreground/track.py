@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import islice
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -56,6 +60,8 @@ class Track:
     hidden: int = 0
     traced: bool = False
     look: Look = field(default_factory=Look)
+    _seen_apart: int = 0
+    _expected: dict[int, Box] = field(default_factory=dict)
 
     def add(
         self, index: int, thing: Seen, foot: float, contact: float,
@@ -69,6 +75,7 @@ class Track:
         self._add(index, thing.box, thing.region, column, foot, contact)
         self.cut.append(thing.cut)
         self.apart.append(True)
+        self._seen_apart += 1
         self.hidden = 0
 
     def meet(self, index: int, thing: Seen, placed: Placed, foot: float, contact: float) -> None:
@@ -91,8 +98,10 @@ class Track:
         """
         at = self.frames.index(index) if index in self.frames else 0
         if index in self.frames:
+            self._seen_apart -= self.apart[at]
             for kept in self._columns:
                 del kept[at]
+        self._expected.clear()
         column = 0.5 * (placed.box.x0 + placed.box.x1 - 1)
         values = index, placed.box, thing.region, column, foot, contact, thing.cut, False
         for kept, value in zip(self._columns, values, strict=True):
@@ -127,6 +136,7 @@ class Track:
     def _add(
         self, index: int, box: Box, region: Box, column: float, foot: float, contact: float
     ) -> None:
+        self._expected.clear()
         self.frames.append(index)
         self.boxes.append(box)
         self.regions.append(region)
@@ -137,12 +147,12 @@ class Track:
     @property
     def known(self) -> bool:
         """Whether it was seen apart often enough to be told from others that it meets."""
-        return sum(self.apart) >= LEAST_APART and self.hidden <= _MOST_HIDDEN
+        return self._seen_apart >= LEAST_APART and self.hidden <= _MOST_HIDDEN
 
     @property
     def new(self) -> bool:
         """Whether its motion is not known yet."""
-        return sum(self.apart) < KNOWN
+        return self._seen_apart < KNOWN
 
     @property
     def last_foot(self) -> float:
@@ -174,18 +184,26 @@ class Track:
 
         The box is around its upper half's middle.
         """
-        later = [at for at, frame in enumerate(self.frames) if frame > index][:_GAIT]
-        near = later or list(range(len(self.frames)))[-_GAIT:]
+        if index not in self._expected:
+            self._expected[index] = self._expect(index)
+        return self._expected[index]
+
+    def _expect(self, index: int) -> Box:
+        later, count = bisect_right(self.frames, index), len(self.frames)
+        near = range(later, count)[:_GAIT] or range(count)[-_GAIT:]
         column = _ahead([self.frames[at] for at in near], [self.middles[at] for at in near], index)
-        alone = [at for at, one in enumerate(self.apart) if one]
-        alone = [at for at in alone if self.frames[at] > index][:_GAIT] or alone[-_GAIT:]
+        alone = self._apart_among(range(later, count))
+        alone = alone or self._apart_among(reversed(range(later)))[::-1]
         boxes = [self.boxes[at] for at in alone]
         foot = _ahead([self.frames[at] for at in alone], [float(box.y1) for box in boxes], index)
-        width, height = (
-            float(np.median([getattr(box, side) for box in boxes])) for side in ("width", "height")
-        )
+        width = median([float(box.width) for box in boxes])
+        height = median([float(box.height) for box in boxes])
         left, top = round(column + 0.5 - 0.5 * width), round(foot - height)
         return Box(left, top, left + max(1, round(width)), top + max(1, round(height)))
+
+    def _apart_among(self, numbers: Iterable[int]) -> list[int]:
+        """The first of some of its frames' numbers on which it meets no other, `_GAIT` at most."""
+        return list(islice((at for at in numbers if self.apart[at]), _GAIT))
 
 
 def _thrice(flags: list[bool]) -> Bool:
@@ -198,7 +216,9 @@ def _ahead(frames: list[int], values: list[float], index: int) -> float:
     """A value on a frame beside these, by the median of the slopes between them."""
     if len(values) < 2:
         return values[-1]
-    moments, seen, half = np.array(frames, float), np.array(values), len(values) // 2
-    slope = float(np.median((seen[half:] - seen[:-half]) / (moments[half:] - moments[:-half])))
+    half = len(values) // 2
+    pairs = zip(values[half:], values, frames[half:], frames, strict=False)
+    slope = median([(now - then) / (to - since) for now, then, to, since in pairs])
     nearest = slice(-KNOWN, None) if index > frames[-1] else slice(KNOWN)
-    return float(np.median((seen + slope * (index - moments))[nearest]))
+    near = zip(values[nearest], frames[nearest], strict=True)
+    return median([value + slope * (index - frame) for value, frame in near])

@@ -149,6 +149,8 @@ class Node:
         skip_if: a port that disables the node on frames that hold it.
         stateful: whether its result depends on earlier frames; such a node takes `picture` alone
             and also receives the frames before a range.
+        same_with: input ports. Where they hold the very objects of the frame before, the result is
+            that frame's too: nothing that the node looks at has moved. Empty if it always runs.
 
     Attributes:
         description: method and backend in one phrase, for plans.
@@ -162,6 +164,7 @@ class Node:
     when: ClassVar[Condition | None] = None
     skip_if: ClassVar[str | None] = None
     stateful: ClassVar[bool] = False
+    same_with: ClassVar[tuple[str, ...]] = ()
     description: str = ""
 
     def __init__(self, context: NodeContext) -> None:
@@ -169,7 +172,9 @@ class Node:
 
     def __init_subclass__(cls, **keywords: Any) -> None:  # noqa: ANN401  object's own signature
         super().__init_subclass__(**keywords)
-        cls.inputs()
+        unknown = set(cls.same_with) - {port.name for port in cls.inputs()}
+        if unknown:
+            raise TypeError(f"{cls.__name__}: same_with names {sorted(unknown)}, no inputs of it")
         annotation = inspect.signature(cls.call_function()).return_annotation
         returned, wanted = str(annotation).removesuffix(_MISSING), port_type(cls.writes)
         if returned != wanted:

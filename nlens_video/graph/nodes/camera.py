@@ -59,6 +59,7 @@ class Vignette(Node):
 
     name, writes = "vignette", "blurred"
     effect, lane = "vignetting", "composite"
+    same_with = ("blurred", "frame_box")
 
     def __init__(self, context: NodeContext) -> None:
         self._model = cast("Vignetting", measured_model(context, "vignetting"))
@@ -98,6 +99,7 @@ class BloomNode(Node):
 
     name, writes = "bloom", "blurred"
     effect, lane = "bloom", "composite"
+    same_with = ("blurred", "frame_box")
 
     def __init__(self, context: NodeContext) -> None:
         self._model = cast("Bloom", measured_model(context, "bloom"))
@@ -112,6 +114,7 @@ class Soften(Node):
 
     name, writes = "soften", "blurred"
     effect, lane = "softness", "composite"
+    same_with = ("blurred", "frame_box", "defocused")
 
     def __init__(self, context: NodeContext) -> None:
         self._floor = cast("SharpnessFloor", measured_model(context, "softness"))

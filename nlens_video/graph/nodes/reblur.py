@@ -64,6 +64,7 @@ class ObjectCoc(Node):
 
     name, writes = "object-coc", "defocused"
     effect = DEFOCUS
+    same_with = ("layer", "fit")
     description = "slope * disparity + intercept"
 
     def __call__(self, layer: ObjectLayer, fit: LensFit) -> DefocusedLayer:
@@ -75,6 +76,7 @@ class DepthPeel(Node):
 
     name, writes = "depth-peel", "defocused"
     effect, when, skip_if = DEFOCUS, DEPTH_RANGE, "moments"
+    same_with = ("defocused", "fit")
 
     def __init__(self, context: NodeContext) -> None:
         self._renderer = _renderer(
@@ -102,6 +104,7 @@ class ApertureViews(Node):
 
     name, writes = "aperture-views", "views"
     effect, when, skip_if = DEFOCUS, OUT_OF_FOCUS, "moments"
+    same_with = ("defocused", "fit", "frame_box")
 
     def __init__(self, context: NodeContext) -> None:
         renderer = _renderer(
@@ -124,6 +127,7 @@ class LensSampling(Node):
 
     name, writes = "lens-sampling", "blurred"
     effect, when = DEFOCUS, OUT_OF_FOCUS
+    same_with = ("defocused", "fit", "frame_box")
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
         renderer = _renderer(
@@ -153,6 +157,7 @@ class Scatter(Node):
 
     name, writes = "reblur", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
+    same_with = ("defocused", "frame_box")
 
     def __init__(self, context: NodeContext, *, detail: str = "fine") -> None:
         self._reblur = make_reblur(context, detail)
@@ -192,6 +197,7 @@ class CropSharp(Node):
 
     name, writes = "crop-sharp", "blurred"
     lane = "composite"
+    same_with = ("layer", "frame_box")
     description = "the sharp layer, cropped to the frame"
 
     def __call__(self, layer: ObjectLayer, frame_box: Box) -> BlurredLayer:
@@ -203,6 +209,7 @@ class DepthOrder(Node):
 
     name, writes = "depth-order", "blurred"
     effect, lane, when, skip_if = DEFOCUS, "composite", DEPTH_STEPS, "moments"
+    same_with = ("blurred", "defocused")
 
     def __init__(self, context: NodeContext) -> None:
         if context.repair is None:
@@ -227,6 +234,7 @@ class BlendViews(Node):
 
     name, writes = "blend-views", "blurred"
     effect, lane = DEFOCUS, "composite"
+    same_with = ("blurred", "views")
     description = "L: mean of the aperture views where discs are small"
 
     def __call__(self, blurred: BlurredLayer, views: ViewBlend) -> BlurredLayer:
