@@ -107,7 +107,10 @@ def test_hardware_decoder_is_used_where_there_is_one(run, folder):
 
 
 BY_NAME = re.findall(r"`(-hwaccel|-c:v) (\w+)` ?\|", PAGE)
-NO_CARD = "No device available|Cannot load libnvcuvid|initializing an MFX|find a valid device"
+LACKING = (  # a card, or in this FFmpeg a decoder
+    "No device available|Cannot load libnvcuvid|initializing an MFX|find a valid device|"
+    "Unknown decoder"
+)
 
 
 def test_every_name_of_a_hardware_decoder_is_tried():
@@ -115,16 +118,13 @@ def test_every_name_of_a_hardware_decoder_is_tried():
 
 
 @pytest.mark.parametrize(("option", "name"), BY_NAME)
-def test_hardware_decoder_by_name_decodes_or_says_that_its_card_is_missing(option, name, folder):
-    listing = "-hwaccels" if option == "-hwaccel" else "-decoders"
-    if name not in shell(f"ffmpeg -v error {listing}", folder).stdout.decode().split():
-        pytest.skip(f"this ffmpeg is built without {name}")
+def test_hardware_decoder_by_name_decodes_or_says_what_is_missing(option, name, folder):
     reader = BY_RESULT["fast-out.mkv"].split("|")[0].replace("-hwaccel auto", f"{option} {name}")
     run = "nlens-video - anim.glb named.mkv --preset realtime -y"
     told = shell(f'{reader} 2>reader.txt | {run}; echo "${{PIPESTATUS[1]}}"', folder)
     said = (folder / "reader.txt").read_text()
     if said:
-        assert re.search(NO_CARD, said), said
+        assert re.search(LACKING, said), said
         assert told.stdout.split()[-1] == b"3", told.stderr
     else:
         assert pictures(folder / "named.mkv") == ("h264", FRAMES)

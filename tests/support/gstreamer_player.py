@@ -14,7 +14,7 @@ import time
 import gi
 
 gi.require_version("Gst", "1.0")
-from gi.repository import Gst  # noqa: E402  after the version
+from gi.repository import Gst  # noqa: E402  the version is chosen first
 
 FORM = "video/x-raw,format=I420,width={},height={},framerate=25/1"
 SIZES = ((480, 270), (320, 180))

@@ -11,7 +11,7 @@ import gi
 
 gi.require_version("Gst", "1.0")
 gi.require_version("GstRtspServer", "1.0")
-from gi.repository import GLib, Gst, GstRtspServer  # noqa: E402  after the version
+from gi.repository import GLib, Gst, GstRtspServer  # noqa: E402  the versions are chosen first
 
 CAMERA = (
     "( videotestsrc is-live=true pattern=ball ! video/x-raw,width=480,height=270,framerate=25/1 "

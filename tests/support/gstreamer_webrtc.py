@@ -14,7 +14,8 @@ import gi
 gi.require_version("Gst", "1.0")
 gi.require_version("GstWebRTC", "1.0")
 gi.require_version("GstSdp", "1.0")
-from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # noqa: E402, F401  after the versions; types of the signals
+# The versions are chosen first. PyGObject needs GstSdp for the offer that a signal hands over.
+from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # noqa: E402, F401
 
 ENOUGH, WAIT_S = 20, 60
 RECEIVE = "rtpvp8depay ! vp8dec ! videoconvert ! appsink name=out emit-signals=true sync=false"
