@@ -3,7 +3,7 @@
 The blur is a true scatter (each pixel by its own CoC) in scene-linear light. A convex aperture is
 kept as the left and right end of every row of its unit shape, so a pixel costs one pair of writes
 per row into a difference buffer, whatever the width of its disc; a running sum along the rows ends
-the work.
+the work. Neighbours in a row whose discs are alike are written together, as vectors.
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 Float32 = npt.NDArray[np.float32]
+Float64 = npt.NDArray[np.float64]
 ROWS = 257
 FINE_SUB_ROWS, SUB_ROWS = 8, 2
 FINE_RADIUS_PX, COARSE_RADIUS_PX = 1.5, 5.0
+MOST_SPANS = 81  # rows of the largest disc
+MARGIN = 44  # columns beside the canvas, on which discs may begin and end [px]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +109,7 @@ _TABLE = np.float32(_matched_radii(np.arange(0.0, 40.0, _TABLE_STEP)))
 
 @numba.njit(cache=True, fastmath=True)
 def _spans(radius: float, parts: int, left: Float32, right: Float32, spans: Float32) -> float:
-    """Fill in the ends of every row of a disc [radius]; returns their total length [radius]."""
+    """Fill in the ends of every row of a disc [px]; returns the sum of their lengths [px]."""
     total = 0.0
     reach = int(radius + 0.5)
     for step in range((2 * reach + 1) * parts):
@@ -116,50 +119,95 @@ def _spans(radius: float, parts: int, left: Float32, right: Float32, spans: Floa
         spans[step, 0], spans[step, 1] = 0.0, -1.0
         if place >= 0.0 and index < ROWS - 1:
             part = place - index
-            spans[step, 0] = left[index] * (1 - part) + left[index + 1] * part
-            spans[step, 1] = right[index] * (1 - part) + right[index + 1] * part
+            spans[step, 0] = radius * (left[index] * (1 - part) + left[index + 1] * part)
+            spans[step, 1] = radius * (right[index] * (1 - part) + right[index + 1] * part)
         total += max(0.0, spans[step, 1] - spans[step, 0])
     return total
 
 
 @numba.njit(cache=True, fastmath=True)
-def _scatter(
-    source: Float32, radius: Float32, left: Float32, right: Float32, sums: npt.NDArray[np.float64]
+def _add(
+    sums: Float64, source: Float32, first: int, last: int, place: float, step: int, weight: float
 ) -> None:
-    """Add to `sums` (H, W + 1, C) the differences along x of every disc; written for speed."""
-    rows, columns, channels = source.shape
-    spans = np.empty((2 * FINE_SUB_ROWS * len(left), 2), np.float32)
-    end = columns - 1e-6
+    """Add a run of pixels to a row, displaced; each is shared by the two pixels it then lies on.
+
+    Args:
+        sums: row to add to, flat; its first pixel is MARGIN before the canvas.
+        source: row of the picture, flat.
+        first: where the run begins in `source`.
+        last: where it ends.
+        place: displacement [px].
+        step: channels of a pixel.
+        weight: factor.
+    """
+    whole = int(np.floor(place))
+    later = weight * (place - whole)
+    sooner = weight - later
+    start = first + (whole + MARGIN) * step
+    values = source[first:last]
+    near, far = sums[start : start + len(values)], sums[start + step :]
+    for k in range(len(values)):
+        near[k] += sooner * values[k]
+    for k in range(len(values)):
+        far[k] += later * values[k]
+
+
+@numba.njit(cache=True, fastmath=True)
+def _scatter(
+    source: Float32, level: npt.NDArray[np.int32], radii: Float32, ends: tuple[Float32, Float32]
+) -> Float32:
+    """Sums (H, W C) of every disc of the picture (H, W C); neighbours of one radius go together.
+
+    Args:
+        source: values to spread (H, W C).
+        level: which radius each pixel has (H, W).
+        radii: of the levels; one of at most half a pixel spreads nothing [px].
+        ends: left and right end of the aperture's rows.
+    """
+    rows, columns = level.shape
+    step = source.shape[1] // columns
+    sums = np.zeros((rows, source.shape[1] + 2 * MARGIN * step), np.float64)
+    spans = np.empty((len(radii), MOST_SPANS, 2), np.float32)
+    lengths = np.full(len(radii), -1.0)
     for y in range(rows):
-        for x in range(columns):
-            r = radius[y, x]
-            if r <= 0.5:
-                for c in range(channels):
-                    sums[y, x, c] += source[y, x, c]
-                    sums[y, x + 1, c] -= source[y, x, c]
+        stop = 0
+        while stop < columns:
+            start, this = stop, level[y, stop]
+            while stop < columns and level[y, stop] == this:
+                stop += 1
+            first, last, radius = start * step, stop * step, radii[this]
+            if radius <= 0.5:
+                _add(sums[y], source[y], first, last, 0.0, step, 1.0)
+                _add(sums[y], source[y], first, last, 1.0, step, -1.0)
                 continue
-            parts = 1 if r > COARSE_RADIUS_PX else SUB_ROWS
-            if r < FINE_RADIUS_PX:
+            parts = 1 if radius > COARSE_RADIUS_PX else SUB_ROWS
+            if radius < FINE_RADIUS_PX:
                 parts = FINE_SUB_ROWS
-            total = _spans(r, parts, left, right, spans)
-            if total <= 0.0:
+            if lengths[this] < 0.0:
+                lengths[this] = _spans(radius, parts, ends[0], ends[1], spans[this])
+            if lengths[this] <= 0.0:
                 continue
-            weight = 1.0 / (total * r)
-            reach = int(r + 0.5)
-            for step in range((2 * reach + 1) * parts):
-                at = y + step // parts - reach
-                if at < 0 or at >= rows or spans[step, 1] <= spans[step, 0]:
-                    continue
-                first = min(max(x + 0.5 + spans[step, 0] * r, 0.0), end)
-                last = min(max(x + 0.5 + spans[step, 1] * r, 0.0), end)
-                i, j = int(first), int(last)
-                i_next, j_next = weight * (first - i), weight * (last - j)
-                for c in range(channels):
-                    value = source[y, x, c]
-                    sums[at, i, c] += value * (weight - i_next)
-                    sums[at, i + 1, c] += value * i_next
-                    sums[at, j, c] -= value * (weight - j_next)
-                    sums[at, j + 1, c] -= value * j_next
+            weight, reach = 1.0 / lengths[this], int(radius + 0.5)
+            for row in range((2 * reach + 1) * parts):
+                at = y + row // parts - reach
+                begin, end = spans[this, row]
+                if 0 <= at < rows and end > begin:
+                    _add(sums[at], source[y], first, last, 0.5 + begin, step, weight)
+                    _add(sums[at], source[y], first, last, 0.5 + end, step, -weight)
+    return _summed(sums, step, columns)
+
+
+@numba.njit(cache=True, fastmath=True)
+def _summed(differences: Float64, step: int, columns: int) -> Float32:
+    """Running sums along the rows, without the margins."""
+    rows = len(differences)
+    result = np.empty((rows, columns * step), np.float32)
+    for y in range(rows):
+        for k in range(step, (MARGIN + columns) * step):
+            differences[y, k] += differences[y, k - step]
+        for k in range(columns * step):
+            result[y, k] = differences[y, k + MARGIN * step]
+    return result
 
 
 def scatter(source: Float32, coc_px: Float32, aperture: Aperture) -> Float32:
@@ -173,9 +221,9 @@ def scatter(source: Float32, coc_px: Float32, aperture: Aperture) -> Float32:
     Returns:
         Sums (H, W, C), not normalised: carry a channel of ones along to divide by.
     """
-    index = np.minimum(np.abs(coc_px) * (0.5 / _TABLE_STEP), len(_TABLE) - 1).astype(np.int32)
+    level = np.minimum(np.abs(coc_px) * (0.5 / _TABLE_STEP), len(_TABLE) - 1).astype(np.int32)
+    level[_TABLE[level] <= 0.5] = 0
     # A disc ahead of the focal plane is the mirror image of one behind it; shapes are drawn at
     # random turns, so one orientation is enough.
-    sums = np.zeros((source.shape[0], source.shape[1] + 1, source.shape[2]), np.float64)
-    _scatter(np.ascontiguousarray(source), _TABLE[index], aperture.left, aperture.right, sums)
-    return np.cumsum(sums, axis=1)[:, :-1].astype(np.float32)
+    flat = np.ascontiguousarray(source).reshape(len(source), -1)
+    return _scatter(flat, level, _TABLE, (aperture.left, aperture.right)).reshape(source.shape)

@@ -121,9 +121,14 @@ def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
     for step in range(int(level.max()) + 1):
         if step:
             texture = cv2.resize(texture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        place = ((np.float32(axis) + 0.5) * 0.5**step - 0.5 for axis in (u, v))
+        here = level == step
+        rows = np.flatnonzero(here.any(1))
+        if not len(rows):
+            continue
+        strip = slice(rows[0], rows[-1] + 1)
+        place = ((np.float32(axis[strip]) + 0.5) * 0.5**step - 0.5 for axis in (u, v))
         copy = cv2.remap(texture, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
-        seen = np.where((level == step)[..., None], copy, seen)
+        np.copyto(seen[strip], copy, where=here[strip, :, None])
     seen = np.maximum(seen, 0)
     return grained(rng, seen) if rng.random() < GRAINED_SHARE else seen
 

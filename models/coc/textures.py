@@ -6,6 +6,7 @@ generator only, so a seed names a picture.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy import fft
 
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
@@ -41,12 +43,16 @@ def noise(rng: Rng, size: int, slope: float, stretch: float = 1.0, angle: float 
         stretch: how much longer the grain is along `angle` than across it, >= 1.
         angle: direction of the grain [rad].
     """
-    fy, fx = np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]
-    along, across = fx * np.cos(angle) + fy * np.sin(angle), fy * np.cos(angle) - fx * np.sin(angle)
-    radius = np.sqrt((along * stretch) ** 2 + across**2) + 1.0 / size
-    spectrum = np.fft.rfft2(rng.standard_normal((size, size), dtype=np.float32)) * radius**-slope
+    fy, fx = (
+        np.float32(axis) for axis in (fft.fftfreq(size)[:, None], fft.rfftfreq(size)[None, :])
+    )
+    cosine, sine = math.cos(angle), math.sin(angle)
+    along, across = fx * cosine + fy * sine, fy * cosine - fx * sine
+    radius = np.sqrt((along * float(stretch)) ** 2 + across**2) + 1.0 / size
+    spectrum = fft.rfft2(rng.standard_normal((size, size), dtype=np.float32))
+    spectrum *= radius ** -float(slope)
     spectrum[0, 0] = 0
-    field = np.fft.irfft2(spectrum, (size, size))
+    field = fft.irfft2(spectrum, (size, size), overwrite_x=True)
     return (field / (field.std() + 1e-9)).astype(np.float32)
 
 

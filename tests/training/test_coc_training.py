@@ -31,6 +31,30 @@ def test_scattered_point_has_the_energy_and_variance_of_its_disc(diameter):
             assert (profile * axis**2).sum() == pytest.approx(diameter**2 / 16, rel=0.09, abs=0.012)
 
 
+@pytest.mark.parametrize("aperture", ["round", "hexagon", "cat's eye"])
+def test_pixels_spread_together_give_what_each_gives_alone(aperture):
+    from models.coc import optics
+
+    shape = {
+        "round": optics.round_aperture(),
+        "hexagon": optics.polygon_aperture(6, 0.3),
+        "cat's eye": optics.cat_eye_aperture(0.5, 1.0),
+    }[aperture]
+    rng = np.random.default_rng(4)
+    source = rng.random((24, 30, 7), dtype=np.float32)
+    source[3, 5] = 4e4  # a light
+    y, x = np.mgrid[0:24, 0:30].astype(np.float32)
+    steady = np.where(x < 15, 9.3, 0.9 * (y - 10))  # runs of one disc, discs of every size, none
+    coc = np.float32(np.where(rng.random((24, 30)) < 0.1, rng.uniform(0, 70, (24, 30)), steady))
+    alone = np.zeros(source.shape)
+    for at in np.ndindex(*coc.shape):
+        one = np.zeros_like(source)
+        one[at] = source[at]
+        alone += optics.scatter(one, np.full_like(coc, coc[at]), shape)
+    together = optics.scatter(source, coc, shape)
+    np.testing.assert_allclose(together, alone, rtol=2e-4, atol=2e-3)
+
+
 def test_scattered_picture_agrees_with_a_supersampled_disc():
     from models.coc.optics import round_aperture, scatter
 
