@@ -17,6 +17,7 @@ from nlens_video.cameras.solved import (
     SolvedCamera,
     rigid_matrix,
 )
+from nlens_video.cameras.text import broken_json
 from nlens_video.core.errors import SceneError
 
 DESCRIPTION = "nlens_video_camera"
@@ -33,7 +34,9 @@ def camera_of_json(text: str, source: str = "camera.json") -> SolvedCamera:
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise SceneError(f"{source}: not JSON ({error}); expected a saved camera") from error
+        raise SceneError(
+            f"{source}: no camera ({broken_json(error)}); expected what solve writes"
+        ) from error
     return _Reader(source).camera(raw)
 
 

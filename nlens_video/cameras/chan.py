@@ -20,6 +20,10 @@ from nlens_video.core.layers import Float64
 
 ORDER: Literal["zxy"] = "zxy"
 """Rotation order of Nuke's cameras, about fixed axes (scipy's lower case)."""
+CHAN = (
+    "Nuke's .chan: a line for each frame with its number, position, rotation and vertical field "
+    "of view in degrees"
+)
 _STEEP = 1e-9  # cosine of a pitch
 
 
@@ -45,15 +49,22 @@ def from_chan(
         try:
             values = [float(word) for word in words]
         except ValueError as error:
-            raise SceneError(f"{source}, line {number}: {error}") from error
-        if len(values) < 8 or not np.isfinite(values).all() or not 0.0 < values[7] < 180.0:
             raise SceneError(
-                f"{source}, line {number}: expected frame, position, rotation and vertical field "
-                "of view in degrees (8 numbers)"
+                f"{source}, line {number}: {line.strip()[:40]!r} is not of numbers; expected {CHAN}"
+            ) from error
+        if len(values) < 8:
+            raise SceneError(
+                f"{source}, line {number}: {len(values)} numbers, expected 8 ({CHAN}); export it "
+                "again with its field of view"
+            )
+        if not np.isfinite(values).all() or not 0.0 < values[7] < 180.0:
+            raise SceneError(
+                f"{source}, line {number}: a field of view of {values[7]:g} degrees, or a number "
+                f"that is not finite; expected {CHAN}"
             )
         rows.append(values)
     if not rows:
-        raise SceneError(f"{source}: no line; expected frame, position, rotation, field of view")
+        raise SceneError(f"{source}: no line but comments; expected {CHAN}")
     rows.sort()
     keys = tuple(_key(row, round(row[0] - rows[0][0]), size, time_s) for row in rows)
     if any(b.index <= a.index for a, b in zip(keys, keys[1:], strict=False)):

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
+from nlens_video.cameras.text import read_text
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 
@@ -22,11 +24,39 @@ FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Between COLMAP's camera axes and glTF's (4, 4)."""
 EYE_HEIGHT = 1.6
 """Height that the first camera gets above the ground, where no scale is known [scene unit]."""
-_FOCALS = {
-    "SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2,
-    "FULL_OPENCV": 2,
+TEXT_FILES = "cameras.txt", "images.txt", "points3D.txt"
+_MODEL = f"a COLMAP text model ({', '.join(TEXT_FILES)})"
+_PARAMETERS = {
+    "SIMPLE_PINHOLE": (1, 3), "PINHOLE": (2, 4), "SIMPLE_RADIAL": (1, 4), "RADIAL": (1, 5),
+    "OPENCV": (2, 8), "FULL_OPENCV": (2, 12),
 }  # fmt: skip
-"""Camera models and how many of their parameters are focal lengths [px]."""
+"""Camera models: how many of their parameters are focal lengths [px], and how many there are."""
+_LEFT_OUT = 0.005  # distortion at a corner that one k1 for all may miss, by the frame's width
+_COUNTED = re.compile(r"# *Number of \w+: (\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class _Lens:
+    """A camera of a model.
+
+    Attributes:
+        size: columns and rows [px].
+        focal: focal length [px].
+        principal: principal point [px].
+        radial: k1, and k2 where the model has it [1].
+    """
+
+    size: tuple[int, int]
+    focal: float
+    principal: tuple[float, float]
+    radial: tuple[float, ...]
+
+    def bent(self, radial: tuple[float, ...]) -> float:
+        """How far coefficients move a corner outwards, by the frame's width."""
+        corner = 0.5 * math.hypot(*self.size) / self.focal
+        return sum(
+            k * corner ** (2 * n + 3) for n, k in enumerate(radial)
+        ) * self.focal / self.size[0]  # fmt: skip
 
 
 def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
@@ -39,14 +69,19 @@ def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
     Raises:
         SceneError: a file is missing or wrong, cameras of several sizes, or no ground is found.
     """
+    _check_folder(folder)
     cameras = _cameras(folder / "cameras.txt")
     shots = _images(folder / "images.txt")
-    points = np.array(
-        [row[1:4] for row in _rows(folder / "points3D.txt")], dtype=np.float64
-    ).reshape(-1, 3)
+    points = _points(folder / "points3D.txt")
     if {shot[1] for shot in shots} - set(cameras):
-        raise SceneError(f"{folder}: images.txt names a camera that cameras.txt does not hold")
-    width, height, _, principal = cameras[shots[0][1]]
+        raise SceneError(
+            f"{folder}: images.txt names a camera that cameras.txt does not hold; export both again"
+        )
+    lenses = [cameras[shot[1]] for shot in shots]
+    width, height = lenses[0].size
+    if any(lens.size != (width, height) for lens in lenses):
+        raise SceneError(f"{folder}: pictures of several sizes; expected those of one plate")
+    bend = _bend(lenses, folder)
     poses = np.array([np.linalg.inv(FLIP @ shot[2]) for shot in shots])
     ground = fit_ground(points, poses)
     if ground is None:
@@ -57,8 +92,7 @@ def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
     similarity = ground_frame(*ground, poses[0], EYE_HEIGHT)
     scale = float(np.cbrt(np.linalg.det(similarity[:3, :3])))
     keys = []
-    for (index, name, _), pose in zip(shots, poses, strict=True):
-        focal = cameras[name][2]
+    for (index, _, _), lens, pose in zip(shots, lenses, poses, strict=True):
         level = similarity @ pose
         level[:3, :3] /= scale
         keys.append(
@@ -66,47 +100,106 @@ def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
                 index=index - shots[0][0],
                 pts_s=time_s(index - shots[0][0]),
                 world_to_camera=np.asarray(np.linalg.inv(level)),
-                fov_x_deg=2.0 * math.degrees(math.atan(0.5 * width / focal)),
+                fov_x_deg=2.0 * math.degrees(math.atan(0.5 * width / lens.focal)),
             )
         )
-    if any(cameras[shot[1]][:2] != (width, height) for shot in shots):
-        raise SceneError(f"{folder}: pictures of several sizes; expected those of one plate")
     return SolvedCamera(
         width=width, height=height, keys=tuple(keys), fov="measured", horizon="measured",
-        path="moving" if len(keys) > 1 else "still", method="COLMAP", principal_px=principal,
+        path="moving" if len(keys) > 1 else "still", method="COLMAP",
+        principal_px=lenses[0].principal, distortion_k1=bend,
     )  # fmt: skip
 
 
-def _rows(path: Path) -> list[list[str]]:
-    """Words of the lines that are no comments."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+def _check_folder(folder: Path) -> None:
+    missing = [name for name in TEXT_FILES if not (folder / name).exists()]
+    if not missing:
+        return
+    if (folder / "cameras.bin").exists():
         raise SceneError(
-            f"{path}: cannot be read ({error}); expected COLMAP's text model"
-        ) from error
-    return [line.split() for line in lines if line.strip() and not line.startswith("#")]
+            f"{folder}: a binary model of COLMAP; expected {_MODEL}; write it by colmap "
+            f"model_converter --input_path {folder} --output_path {folder} --output_type TXT"
+        )
+    raise SceneError(
+        f"{folder}: a folder without {', '.join(missing)}; expected {_MODEL}; give the folder that "
+        "holds these files"
+    )
 
 
-def _cameras(path: Path) -> dict[str, tuple[int, int, float, tuple[float, float]]]:
-    """Columns, rows, focal length and principal point of each camera [px]."""
-    found = {}
-    for words in _rows(path):
-        try:
-            name, model, width, height = words[0], words[1], int(words[2]), int(words[3])
-            values = [float(word) for word in words[4:]]
-            focals = _FOCALS[model]
-            point = values[focals], values[focals + 1]
-        except KeyError as error:
+def _lines(path: Path) -> list[str]:
+    """The lines that are no comments; empty ones stay."""
+    lines = read_text(path, f"a file of {_MODEL}").splitlines()
+    return [line for line in lines if not line.startswith("#")]
+
+
+def _check_count(path: Path, found: int) -> None:
+    """Refuse a file that holds less than its head says."""
+    for line in read_text(path, _MODEL).splitlines():
+        counted = _COUNTED.match(line)
+        if counted and int(counted[1]) != found:
             raise SceneError(
-                f"{path}: camera model {error.args[0]}; expected one of {', '.join(_FOCALS)}"
-            ) from error
-        except (IndexError, ValueError) as error:
-            raise SceneError(f"{path}: {' '.join(words)[:60]!r} is no camera") from error
-        if not min(values[:focals]) > 0.0 or min(width, height) < 1:
+                f"{path}: {found} entries where its head says {counted[1]}; it is cut off: export "
+                "it again"
+            )
+
+
+def _wrong(path: Path, line: str, expected: str) -> SceneError:
+    return SceneError(f"{path}: {line[:60]!r} is no {expected}; export the model again")
+
+
+def _cameras(path: Path) -> dict[str, _Lens]:
+    found = {}
+    for line in filter(str.strip, _lines(path)):
+        name, model, *numbers = [*line.split(), ""][:2] + line.split()[2:]
+        if model and model not in _PARAMETERS:
+            raise SceneError(
+                f"{path}: camera model {model}; expected one of {', '.join(_PARAMETERS)}; "
+                "undistort the pictures (colmap image_undistorter) or solve with another model"
+            )
+        try:
+            size = int(numbers[0]), int(numbers[1])
+            values = [float(number) for number in numbers[2:]]
+            focals, count = _PARAMETERS[model]
+        except (IndexError, KeyError, ValueError) as error:
+            raise _wrong(path, line, "camera") from error
+        if len(values) != count:
+            raise _wrong(path, line, f"camera of {count} parameters")
+        if not np.isfinite(values).all() or min(values[:focals]) <= 0.0 or min(size) < 1:
             raise SceneError(f"{path}: camera {name} has no focal length or no size")
-        found[name] = width, height, values[0], point
+        after = focals + 2
+        found[name] = _Lens(
+            size, values[0], (values[focals], values[focals + 1]), tuple(values[after : after + 2])
+        )
+    _check_count(path, len(found))
     return found
+
+
+def _bend(lenses: list[_Lens], folder: Path) -> float:
+    """One radial coefficient for all pictures [1]."""
+    bend = float(np.median([lens.radial[0] if lens.radial else 0.0 for lens in lenses]))
+    missed = max(abs(lens.bent(lens.radial) - lens.bent((bend,))) for lens in lenses)
+    if missed > _LEFT_OUT:
+        raise SceneError(
+            f"{folder}: a lens whose distortion one k1 for all pictures misses by "
+            f"{100.0 * missed:.1f} % of the width in the corners; expected one lens; undistort the "
+            "pictures (colmap image_undistorter) and take them as the plate"
+        )
+    return bend
+
+
+def _points(path: Path) -> Float64:
+    """Positions of the points (N, 3)."""
+    found = []
+    for line in filter(str.strip, _lines(path)):
+        words = line.split()
+        try:
+            x, y, z = (float(word) for word in words[1:4])
+        except ValueError as error:
+            raise _wrong(path, line, "point") from error
+        if not math.isfinite(x + y + z):
+            raise _wrong(path, line, "point")
+        found.append((x, y, z))
+    _check_count(path, len(found))
+    return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
 def _images(path: Path) -> list[tuple[int, str, Float64]]:
@@ -114,8 +207,18 @@ def _images(path: Path) -> list[tuple[int, str, Float64]]:
     from scipy.spatial.transform import Rotation  # here: scipy takes long to load
 
     found = []
-    for words in _rows(path)[::2]:  # every second line holds the picture's points
+    lines = iter(_lines(path))
+    for line in lines:
+        words = line.split()
+        if not words:
+            continue
+        next(lines, None)  # the picture's points; the line is empty where it has none
         number = re.findall(r"\d+", " ".join(words[9:]))
+        if words[9:] and not number:
+            raise SceneError(
+                f"{path}: picture {' '.join(words[9:])[:60]!r} has no number; expected pictures "
+                "named after frames, as frame_0001.png"
+            )
         try:
             w, x, y, z = (float(word) for word in words[1:5])
             matrix = np.eye(4)
@@ -123,12 +226,16 @@ def _images(path: Path) -> list[tuple[int, str, Float64]]:
             matrix[:3, 3] = [float(word) for word in words[5:8]]
             found.append((int(number[-1]), words[8], matrix))
         except (IndexError, ValueError) as error:
-            raise SceneError(
-                f"{path}: {' '.join(words)[:60]!r} is no picture of a frame"
-            ) from error
+            raise _wrong(path, line, "picture of a frame") from error
+    _check_count(path, len(found))
     found.sort(key=lambda shot: shot[0])
     if not found:
-        raise SceneError(f"{path}: no picture")
+        raise SceneError(
+            f"{path}: no picture; expected the pictures that the model was solved from"
+        )
     if len({shot[0] for shot in found}) < len(found):
-        raise SceneError(f"{path}: two pictures are named after one frame")
+        raise SceneError(
+            f"{path}: two pictures are named after one frame; expected one camera's pictures, "
+            "whose last number is the frame's"
+        )
     return found

@@ -9,11 +9,12 @@ from fractions import Fraction
 from pathlib import Path
 
 from nlens_video.cameras.camera_json import camera_of_json
-from nlens_video.cameras.chan import from_chan, to_chan
-from nlens_video.cameras.colmap import read_colmap
+from nlens_video.cameras.chan import CHAN, from_chan, to_chan
+from nlens_video.cameras.colmap import TEXT_FILES, read_colmap
 from nlens_video.cameras.fspy import from_fspy, is_fspy
 from nlens_video.cameras.glb import from_glb, to_glb
 from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.text import broken_json, read_text
 from nlens_video.cameras.usd import SUFFIXES, from_usd, require_usd, to_usda
 from nlens_video.core.errors import SceneError, UsageError
 
@@ -24,7 +25,7 @@ _WRITERS: dict[str, Callable[[SolvedCamera], bytes]] = {
     ".chan": lambda camera: to_chan(camera).encode(),
     ".usda": to_usda,
 }
-_KNOWN = (
+KNOWN = (
     "camera.json, fSpy's .json, Nuke's .chan, a .glb or .gltf, a .usda, .usdc, .usd or .usdz, or "
     "the folder of a COLMAP text model"
 )
@@ -48,22 +49,28 @@ def read_camera(
         UsageError: it is a USD file, and OpenUSD is not installed.
     """
     suffix = path.suffix.lower()
+    if suffix in SUFFIXES:
+        require_usd(path)
+    if not path.exists():
+        raise SceneError(f"{path}: there is no such file or folder; expected {KNOWN}")
     if path.is_dir():
         return read_colmap(path, _frame_times(rate or _RATE, tick)).resized(*size)
     if suffix in (".glb", ".gltf"):
         return from_glb(path, size, rate or _RATE).resized(*size)
     if suffix in SUFFIXES:
         return from_usd(path, size, rate or _RATE)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read ({error}); expected a camera") from error
+    text = read_text(path, CHAN if suffix == ".chan" else KNOWN)
     if suffix == ".chan":
         return from_chan(text, str(path), size, _frame_times(rate or _RATE, tick))
+    if path.name in TEXT_FILES:
+        raise SceneError(
+            f"{path}: this is one file of a COLMAP text model; expected its folder; give "
+            f"{path.parent}"
+        )
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise SceneError(f"{path}: no camera ({error}); expected {_KNOWN}") from error
+        raise SceneError(f"{path}: no camera ({broken_json(error)}); expected {KNOWN}") from error
     if is_fspy(raw):
         return from_fspy(raw, str(path)).resized(*size)
     return camera_of_json(text, str(path)).resized(*size)

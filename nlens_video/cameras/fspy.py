@@ -20,9 +20,13 @@ Y_UP_FROM_Z_UP = np.array(
 """Turns axes with Z up into axes with Y up (4, 4)."""
 
 
+_MEMBERS = "imageWidth", "imageHeight", "horizontalFieldOfView", "viewTransform"
+_EXPORT = "export it again by fSpy: File, Export, Camera parameters as JSON"
+
+
 def is_fspy(raw: object) -> bool:
-    """Whether a parsed JSON file is one that fSpy exports."""
-    return isinstance(raw, dict) and "viewTransform" in raw and "horizontalFieldOfView" in raw
+    """Whether a parsed JSON file is one that fSpy exports, whole or not."""
+    return isinstance(raw, dict) and any(name in raw for name in _MEMBERS)
 
 
 def from_fspy(raw: dict[str, Any], source: str) -> SolvedCamera:
@@ -31,6 +35,9 @@ def from_fspy(raw: dict[str, Any], source: str) -> SolvedCamera:
     Raises:
         SceneError: a value is missing or wrong.
     """
+    missing = [name for name in _MEMBERS if raw.get(name) is None]
+    if missing:
+        raise SceneError(f"{source}: an export of fSpy without {', '.join(missing)}; {_EXPORT}")
     try:
         width, height = int(raw["imageWidth"]), int(raw["imageHeight"])
         fov = math.degrees(float(raw["horizontalFieldOfView"]))
@@ -38,9 +45,18 @@ def from_fspy(raw: dict[str, Any], source: str) -> SolvedCamera:
         point = raw.get("principalPoint", {"x": 0.0, "y": 0.0})
         offset = float(point["x"]), float(point["y"])
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise SceneError(f"{source}: no whole export of fSpy ({error!r})") from error
+        raise SceneError(
+            f"{source}: an export of fSpy with a value of another kind than it writes; {_EXPORT}"
+        ) from error
     if view is None or not 0.0 < fov < 180.0 or min(width, height) < 1:
-        raise SceneError(f"{source}: no whole export of fSpy (its matrix, field of view or size)")
+        raise SceneError(
+            f"{source}: an export of fSpy whose matrix, field of view or size cannot be; {_EXPORT}"
+        )
+    if not np.linalg.inv(view)[2, 3] > 0.0:
+        raise SceneError(
+            f"{source}: the camera of this export of fSpy lies below its ground z = 0; expected "
+            "the z axis upwards; choose the axes of the vanishing points so"
+        )
     half = 0.5 * max(width, height)
     return SolvedCamera(
         width=width,

@@ -149,7 +149,7 @@ def from_usd(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
 def _found(path: Path) -> dict[str, Any]:
     """What the worker says of a file's camera."""
     if not path.is_file():
-        raise SceneError("cannot be read as USD; expected a file")
+        raise SceneError("cannot be read as USD; expected a .usda, .usdc, .usd or .usdz file")
     # By its path, so that it need not load this package.
     worker = Path(__file__).with_name("usd_worker.py")
     command = [sys.executable, "-P", str(worker), str(path.resolve())]

@@ -461,11 +461,6 @@ def test_stage_that_lost_a_transform_of_its_camera_is_refused(tmp_path):
         read_camera(path, SIZE, RATE)
 
 
-def test_stage_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(SceneError, match="cannot be read as USD"):
-        read_camera(tmp_path / "none.usda", SIZE, RATE)
-
-
 @pytest.mark.parametrize(("focal", "aperture"), [(0.0, 36.0), (-35.0, 36.0), (35.0, 0.0)])
 def test_camera_without_a_lens_is_refused(tmp_path, focal, aperture):
     stage = stage_of(tmp_path / "shot.usda")

@@ -129,7 +129,7 @@ def test_times_must_rise():
 
 
 def test_text_that_is_no_json_is_refused():
-    with pytest.raises(SceneError, match="not JSON"):
+    with pytest.raises(SceneError, match="no JSON from line 1, column 2 on"):
         camera_of_json("{")
 
 

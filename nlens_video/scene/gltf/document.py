@@ -270,6 +270,10 @@ def _parse_json(text: bytes) -> Fields:
         )
     try:
         raw = json.loads(text.decode("utf-8-sig"), parse_constant=_reject_constant)
+    except UnicodeDecodeError as error:
+        raise SceneError(
+            f"no glTF: it is neither binary nor text (byte {error.start}); expected .glb or .gltf"
+        ) from error
     except (ValueError, RecursionError) as error:
         raise SceneError(
             f"no glTF: its JSON is broken ({error}); expected .glb or .gltf"
