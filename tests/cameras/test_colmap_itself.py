@@ -1,16 +1,13 @@
 """Models that COLMAP itself has written."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
+from support.camera_files import RATE, SIZE, pose_of
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.core.errors import SceneError
-from tests.cameras.test_files import pose_of
 
 pycolmap = pytest.importorskip("pycolmap")
-SIZE, RATE = (960, 512), Fraction(24)
 
 
 @pytest.fixture

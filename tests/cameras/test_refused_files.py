@@ -2,17 +2,15 @@
 
 import json
 import re
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.camera_files import RATE, SIZE, fspy, path_of, pose_of, write_colmap
 
 from nlens_video.cameras.files import camera_bytes, read_camera
 from nlens_video.core.errors import SceneError
-from tests.cameras.test_files import fspy, path_of, pose_of, write_colmap
 
-SIZE, RATE = (960, 512), Fraction(24)
 FORMATS = (".json", ".chan", ".glb", ".usda")
 REMEDY = re.compile(r"expected|again|truncated|give|name it")
 
