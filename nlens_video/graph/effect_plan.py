@@ -45,6 +45,7 @@ from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 
 _DISTORTION = "distortion"
+_ROUND_ONLY = "aperture: the pipeline {!r} blurs by round discs alone; use --preset standard"
 _SEEN_PX = 1.0  # distance off at the corners from which on it is said
 
 
@@ -209,6 +210,8 @@ def plan_effects(
                 shutter = _read_shutter(shutter, plate.shutter_deg())
             if reads_aperture:
                 aperture, aperture_notes = _read_aperture(plate.aperture(view.pixel_aspect))
+    if not aperture.round and any(spec.type.round_only for spec in pipeline.nodes):
+        aperture_notes = (_ROUND_ONLY.format(pipeline.name),)
     facts = _shot_facts(objects, scene, ground, occlusion(), shutter, measured)
     wanted = decide(lens.effects, facts)
     decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)

@@ -128,3 +128,31 @@ def test_the_plan_says_which_aperture_the_plate_shows(tmp_path, given, said):
     run = nlens(plate, cube, tmp_path / "out.png", "--plan", "--fit", fit, *given)
     line = "aperture: of 6 blades, off"
     assert (line in run.stdout + run.stderr) is said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("preset", "shaped"),
+    [
+        ("draft", True), ("realtime", True), ("standard", True), ("reference", True),
+        ("paper", False),
+    ],
+)  # fmt: skip
+def test_every_preset_blurs_by_the_aperture_that_the_plate_shows_or_says_that_it_cannot(
+    tmp_path, preset, shaped
+):
+    seen = highlights(Aperture(blades=6, rotation_deg=20.0), count=30)
+    seen = seen[: shots.HEIGHT, : shots.WIDTH]
+    plate = shots.write_png(tmp_path / "plate.png", np.uint8(seen * 255 + 0.5))
+    cube = shots.cube_glb(tmp_path / "cube.glb")
+    fit = shots.fit_json(tmp_path / "fit.json")
+    made = {}
+    for name, given in (("read", ()), ("round", ("--aperture", "round"))):
+        out = tmp_path / f"{name}.png"
+        run = nlens(plate, cube, out, "--preset", preset, "--fit", fit, *given)
+        assert run.returncode == 0, run.stderr
+        made[name] = cv2.imread(str(out)), run.stdout + run.stderr
+    assert np.array_equal(made["read"][0], made["round"][0]) is not shaped
+    assert ("blurs by round discs alone" in made["read"][1]) is not shaped
+    assert ("aperture: of 6 blades" in made["read"][1]) is shaped
+    assert "aperture:" not in made["round"][1]

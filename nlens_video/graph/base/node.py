@@ -147,6 +147,7 @@ class Node:
         once: whether it is part of finding the lens, and runs only until that is found.
         when: condition on the frame.
         skip_if: a port that disables the node on frames that hold it.
+        round_only: whether it blurs by round discs, whatever the aperture.
         stateful: whether its result depends on earlier frames; such a node takes `picture` alone
             and also receives the frames before a range.
         same_with: input ports. Where they hold the very objects of the frame before, the result is
@@ -163,6 +164,7 @@ class Node:
     once: ClassVar[bool] = False
     when: ClassVar[Condition | None] = None
     skip_if: ClassVar[str | None] = None
+    round_only: ClassVar[bool] = False
     stateful: ClassVar[bool] = False
     same_with: ClassVar[tuple[str, ...]] = ()
     description: str = ""

@@ -177,6 +177,7 @@ class PaperReblur(Node):
 
     name, writes = "paper-reblur", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
+    round_only = True
 
     def __init__(self, context: NodeContext) -> None:
         from nlens_video.kernels.scatter.paper_scatter import paper_scatter
