@@ -25,6 +25,9 @@ CHANGED = 0.1
 """Change of the log-ratio of two octaves that calls for another fit: a focus that moves by 7 %
 gives as much, or an aperture that opens by a fifth; noise and a panning camera seldom do."""
 
+AT_REST = 0.5 * CHANGED
+"""A smaller change than this means that the lens has come to rest."""
+
 CUT = 0.12  # mean change of the patches' brightness from one frame to the next [1]
 _STILL = 0.03  # median change of it while the camera stands still [1]
 _TOLD_STILL, _TOLD_MOVING = 2.0, 4.0
@@ -36,7 +39,8 @@ _PATCH_SHARE = 1 / 16  # of the frame's width
 _SMALLEST_PX, _LARGEST_PX = 24, 64
 _BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
 EVERY = 3  # frames from one change detection of a live stream to the next
-_SPACING_S = 0.2  # least time between two fits of a live stream
+_SPACING_S = 0.1  # least time between two fits of a live stream
+_GOES_ON_S = 0.2  # for how long a change goes on without a new fit
 _SMOOTHING_S = 0.14  # time constant of its smoothing
 _AHEAD_S = 0.1  # by which it aims ahead while the lens moves, most of what the smoothing lags
 _FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light) [1]
@@ -163,11 +167,16 @@ class LiveLens:
 
     Args:
         frame_s: from one frame to the next, > 0 [s].
+
+    Attributes:
+        spacing: least number of frames between two fits.
+        fits: how many fits have moved the lens.
     """
 
     def __init__(self, frame_s: float) -> None:
         self._share = 1.0 - math.exp(-frame_s / _SMOOTHING_S)
-        self._spacing = max(EVERY, round(_SPACING_S / frame_s))
+        self.spacing = max(EVERY, round(_SPACING_S / frame_s))
+        self._goes_on = max(EVERY, round(_GOES_ON_S / frame_s))
         self._ahead = _AHEAD_S / frame_s
         self._reference: Signature | None = None
         self._before: Signature | None = None
@@ -191,12 +200,24 @@ class LiveLens:
             self._reference = seen
             return False
         self._cut = self._cut or is_cut(before, seen)
-        waited = self._since >= self._spacing
-        if not self._cut and not (waited and changed(self._reference, seen) > CHANGED):
+        if not self._cut and not self._moved(seen):
             return False
         self._still = stands_still(self._reference, seen)
         self._reference, self._since = seen, 0
         return True
+
+    def _moved(self, seen: Signature) -> bool:
+        """Whether the blur differs from that at the last fit, which is not too short ago."""
+        if self._reference is None or self._since < self.spacing:
+            return False
+        change = changed(self._reference, seen)
+        if change < AT_REST:
+            self.rests()
+        return change > CHANGED
+
+    def rests(self) -> None:
+        """The lens is as it was at the last fit: the change before that does not go on."""
+        self._rate = (0.0, 0.0)
 
     def found(self, fit: LensFit) -> None:
         """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
@@ -219,7 +240,7 @@ class LiveLens:
         if now is None or target is None or now is target:
             return now
         # no new fit for long: it has come to rest
-        goes_on = self._age + self._ahead if self._age <= self._spacing else 0.0
+        goes_on = self._age + self._ahead if self._age <= self._goes_on else 0.0
         self._age += 1
         slope = target.slope + goes_on * self._rate[0]
         intercept = target.intercept + goes_on * self._rate[1]
@@ -231,7 +252,7 @@ class LiveLens:
     def _change_to(self, fit: LensFit) -> tuple[float, float]:
         """Change of slope and intercept in a frame; none where the last fit was long ago."""
         before, frames = self._target, self._age
-        if before is None or self._cut or not 0 < frames <= 2 * self._spacing:
+        if before is None or self._cut or not 0 < frames <= 2 * self._goes_on:
             return 0.0, 0.0
         return (fit.slope - before.slope) / frames, (fit.intercept - before.intercept) / frames
 

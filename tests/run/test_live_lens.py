@@ -1,0 +1,65 @@
+"""How far the lens of a stream lags behind a focus that is pulled."""
+
+import numpy as np
+import pytest
+
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.stages.r_lens_change import AT_REST, CHANGED, EVERY, LiveLens
+
+REST_S, SEEN = 1.0, 0.07  # before the pull; relative change of the focus that is detected
+
+WAYS = {
+    "even": lambda part: part,
+    "eased": lambda part: part * part * (3.0 - 2.0 * part),
+    "accelerated": lambda part: part**2,
+    "decelerated": lambda part: 1.0 - (1.0 - part) ** 2,
+}
+
+
+def fit(intercept, frame):
+    return LensFit(
+        slope=24.0, intercept=intercept, slope_stderr=0.2, intercept_stderr=0.2,
+        width=960, height=512, frame=frame,
+    )  # fmt: skip
+
+
+def followed(true, rate):
+    """Intercepts that a stream gives frames whose true ones are `true` [px], and its fits."""
+    live, values = LiveLens(1.0 / rate), []
+    live.found(fit(true[0], 0))
+    reference, since, fits = true[0], 0, 0
+    for index, now in enumerate(true):
+        since += 1
+        if index % EVERY == 0 and since >= live.spacing:
+            change = abs(now / reference - 1.0) / SEEN * CHANGED
+            if change < AT_REST:
+                live.rests()
+            if change > CHANGED:
+                reference, since, fits = now, 0, fits + 1
+                live.found(fit(now, index))
+        values.append(live.step().intercept)
+    return np.array(values), fits
+
+
+def lag_s(time_s, true, values):
+    """The delay that explains the values best [s]."""
+    lags = np.arange(-0.1, 0.5, 0.005)
+    errors = [np.mean((np.interp(time_s - lag, time_s, true) - values) ** 2) for lag in lags]
+    return lags[np.argmin(errors)]
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("rate", [24, 30, 60])
+@pytest.mark.parametrize("lasts_s", [0.2, 0.5, 1.5])
+def test_lens_of_a_stream_lags_by_less_than_0_15_s(way, rate, lasts_s):
+    lags = []
+    for late in range(EVERY):  # when in the rhythm of the detection the pull begins
+        time_s = np.arange(int((lasts_s + 3.0) * rate)) / rate
+        part = np.clip((time_s - REST_S - late / rate) / lasts_s, 0.0, 1.0)
+        true = -10.0 - 8.0 * WAYS[way](part)
+        values, fits = followed(true, rate)
+        moving = (time_s >= REST_S) & (time_s < REST_S + lasts_s + 0.5)
+        lags.append(lag_s(time_s[moving], true[moving], values[moving]))
+        assert fits <= 10.0 * lasts_s + 2.0
+        assert values[-1] == pytest.approx(true[-1], abs=SEEN * 20.0)
+    assert np.mean(lags) < 0.15
