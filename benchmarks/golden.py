@@ -140,6 +140,8 @@ def run_revision(revision: str, truth: Path) -> dict[str, dict[str, str]]:
         git = ["git", "-C", str(ROOT), "worktree"]
         subprocess.run([*git, "add", "-q", "--detach", str(checkout), revision], check=True)
         try:
+            compiling = [sys.executable, str(checkout / "hatch_build.py")]
+            subprocess.run(compiling, cwd=checkout, check=True, stdout=subprocess.DEVNULL)
             return run_all(checkout, truth)
         finally:
             subprocess.run([*git, "remove", "--force", str(checkout)], check=True)

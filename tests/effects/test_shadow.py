@@ -15,8 +15,15 @@ from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.ambient import hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
+from nlens_video.effects.shadow.blocked import reached
 from nlens_video.effects.shadow.cast import CastShadow, Moment
-from nlens_video.effects.shadow.casters import CasterCache, Casters, ClippedMesh
+from nlens_video.effects.shadow.casters import (
+    CasterCache,
+    Casters,
+    ClippedMesh,
+    Occluder,
+    project_along_light,
+)
 from nlens_video.effects.shadow.coverage import PER_PIXEL, covered_reference, edges_of
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
@@ -289,6 +296,38 @@ def test_coverage_of_folded_meshes_with_holes_equals_the_reference():
         marked((44, 64), points, faces, at), covered_reference((44, 64), points, faces, at)
     )
     assert len(edges_of(faces)) < 3 * len(faces)
+
+
+BODY = np.array([[x, y, z] for x in (-0.4, 0.3) for y in (0.0, 1.1) for z in (-3.6, -2.9)])
+FORWARD = Camera(
+    fx=900.0, fy=900.0, cx=540.0, cy=500.0, width=1080, height=1920,
+    world_from_camera=np.eye(4) + np.outer([0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.4]),
+)  # fmt: skip
+PORTRAIT = Box(0, 0, FORWARD.width, FORWARD.height)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000))
+def test_reach_of_a_shadow_bounds_it_also_where_it_passes_below_the_camera(seed):
+    rng = np.random.default_rng(seed)
+    lights = np.column_stack([rng.normal(size=(6, 3)), np.zeros(6)])
+    lights[:, 1] = np.abs(lights[:, 1]) * rng.choice([0.03, 1.0], 6)
+    occluder = Occluder.of(Casters(BODY, FACES, edges_of(FACES)), FORWARD, 0.0)
+    box = reached(occluder, lights, PORTRAIT)
+    points = np.column_stack([rng.uniform(BODY.min(0), BODY.max(0), (4000, 3)), np.ones(4000)])
+    places = points @ project_along_light(lights, 0.0, FORWARD).swapaxes(1, 2)
+    column, row = (places[..., :2] / places[..., 2:]).reshape(-1, 2)[places[..., 2].ravel() > 0].T
+    seen = (column >= 0) & (column < PORTRAIT.x1) & (row >= 0) & (row < PORTRAIT.y1)
+    assert ((column >= box.x0) & (column <= box.x1))[seen].all()
+    assert ((row >= box.y0) & (row <= box.y1))[seen].all()
+
+
+def test_shadow_towards_the_camera_reaches_no_ground_beyond_the_body():
+    low = np.array([[0.05, 0.05, -1.0, 0.0]])  # its shadow passes the camera, 1.4 above the ground
+    occluder = Occluder.of(Casters(BODY, FACES, edges_of(FACES)), FORWARD, 0.0)
+    box = reached(occluder, low, PORTRAIT)
+    farthest = 500.0 + 900.0 * 1.4 / 3.6  # row of the ground below the body's far side
+    assert (box.y0, box.y1) == (pytest.approx(farthest, abs=1.0), PORTRAIT.y1)
 
 
 @pytest.mark.needs_truth

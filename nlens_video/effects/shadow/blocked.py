@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.effects.shadow.apply import Grid
 from nlens_video.effects.shadow.casters import ClippedMesh, Occluder, project_along_light
 from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, Projection, mark_covered
@@ -16,6 +18,9 @@ from nlens_video.kernels.thread_pool import parallel_for
 
 R2 = (0.7548776662466927, 0.5698402909980532)
 """Of Roberts' low-discrepancy sequence."""
+_NEAREST = 1e-6  # depth at which a box is clipped, by the greatest of its corners
+# of a box, as pairs of its corners in the order of `product`
+_BOX_EDGES = np.array([(n, n | bit) for bit in (1, 2, 4) for n in range(8) if not n & bit])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +36,42 @@ class Query:
     lights: Float64
     count: int
     grid: Grid
+
+
+def reached(occluder: Occluder, lights: Float64, seen: Box) -> Box:
+    """The part of a box of the frame that an occluder's shadows from lights (N, 4) can reach."""
+    ground_y, bounds = occluder.ground_y, occluder.bounds
+    lights = lights[lights[:, 1] > lights[:, 3] * ground_y]
+    if not len(lights):
+        return Box(0, 0, 0, 0)
+    if ((lights[:, 3] > 0.0) & (lights[:, 1] <= bounds[1, 1])).any():
+        return seen  # nothing bounds the shadow of what is as high as a lamp
+    corners = np.array([[*corner, 1.0] for corner in product(*bounds.T)])
+    matrices = project_along_light(lights, ground_y, occluder.camera)
+    columns, rows = _before_camera(corners @ matrices.swapaxes(1, 2))
+    if not len(columns):
+        return Box(0, 0, 0, 0)
+    return Box(
+        math.floor(max(columns.min(), seen.x0)), math.floor(max(rows.min(), seen.y0)),
+        math.ceil(min(columns.max(), seen.x1)), math.ceil(min(rows.max(), seen.y1)),
+    )  # fmt: skip
+
+
+def _before_camera(places: Float64) -> tuple[Float64, Float64]:
+    """Columns and rows (M,) that bound what of boxes' projections lies before the camera [px].
+
+    Args:
+        places: homogeneous corners of the boxes (N, 8, 3), in the order of `product`.
+    """
+    nearest = _NEAREST * np.abs(places[..., 2]).max(axis=1)[:, None]
+    ahead = places[..., 2] - nearest  # (N, 8)
+    one, other = (places[:, ends] for ends in _BOX_EDGES.T)
+    a, b = (ahead[:, ends] for ends in _BOX_EDGES.T)
+    crosses = (a > 0.0) != (b > 0.0)
+    part = (a[crosses] / (a[crosses] - b[crosses]))[:, None]
+    crossing = one[crosses] + part * (other[crosses] - one[crosses])
+    column, row, depth = np.concatenate([places[ahead > 0.0], crossing]).T
+    return column / depth, row / depth
 
 
 def hidden_shares(
@@ -58,11 +99,20 @@ def hidden_shares(
             done[part] = _counts(occluder, query, samples)
 
     parallel_for(count, work, threads)
-    counts = [np.zeros(one.grid.shape, np.float32) for one in queries]
-    for part in work:  # in this order, whichever was ready first
-        if part in done:
-            counts[part[0]] += done[part]
-    return [number / np.float32(one.count) for number, one in zip(counts, queries, strict=True)]
+    return [
+        _share(one, [done[part] for part in work if part[0] == number and part in done])
+        for number, one in enumerate(queries)
+    ]
+
+
+def _share(query: Query, counts: Sequence[Float32 | Bits]) -> Float32:
+    """Share of a query's light that is blocked (h, w), of the numbers of its blocked samples."""
+    whole = np.zeros(query.grid.shape, np.min_scalar_type(query.count))
+    part = np.zeros(query.grid.shape, np.float32)
+    for one in counts:
+        total = whole if one.dtype == np.uint8 else part
+        total += one
+    return np.asarray((part + whole) / np.float32(query.count), dtype=np.float32)
 
 
 def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32 | Bits:

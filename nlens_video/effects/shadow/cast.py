@@ -25,7 +25,7 @@ from nlens_video.effects.shadow.ambient import (
     visible_contact,
 )
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
-from nlens_video.effects.shadow.blocked import Query, hidden_shares
+from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
@@ -95,7 +95,7 @@ class CastShadow:
         _, most = ground_blur(camera, ground_y, frame, fit)
         seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         boxes = [
-            reduce(Box.union, (occluder.reached(own, seen) for occluder in standing))
+            reduce(Box.union, (reached(occluder, own, seen) for occluder in standing))
             for own in lights
         ]
         lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))

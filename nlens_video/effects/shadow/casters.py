@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
-from itertools import product
 
 import numpy as np
 
-from nlens_video.core.layers import Bool, Box, Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.effects.shadow.welding import welded_faces
 from nlens_video.scene.camera import Camera
@@ -263,23 +261,6 @@ class Occluder:
         kept = (x, y, z) if above.all() else (x[above], y[above], z[above])
         bounds = np.array([[one.min() for one in kept], [one.max() for one in kept]])
         return cls(camera, opaque, transparent, ground_y, bounds)
-
-    def reached(self, lights: Float64, seen: Box) -> Box:
-        """The part of a box of the frame that the shadows from lights (N, 4) can reach."""
-        lights = lights[lights[:, 1] > lights[:, 3] * self.ground_y]
-        if not len(lights):
-            return Box(0, 0, 0, 0)
-        corners = np.array([[*corner, 1.0] for corner in product(*self.bounds.T)])
-        matrices = project_along_light(lights, self.ground_y, self.camera)
-        places = corners @ matrices.swapaxes(1, 2)  # (N, 8, 3)
-        beside = (lights[:, 3] > 0.0) & (lights[:, 1] <= self.bounds[1, 1])
-        if beside.any() or (places[..., 2] <= 0.0).any():
-            return seen
-        columns, rows = places[..., 0] / places[..., 2], places[..., 1] / places[..., 2]
-        return Box(
-            math.floor(max(columns.min(), seen.x0)), math.floor(max(rows.min(), seen.y0)),
-            math.ceil(min(columns.max(), seen.x1)), math.ceil(min(rows.max(), seen.y1)),
-        )  # fmt: skip
 
 
 def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Float64:

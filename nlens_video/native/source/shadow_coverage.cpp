@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 #include "module.h"
@@ -181,11 +182,22 @@ struct Crossing {
 struct Layers {
     int first, last, width;  // rows, the last one not included
     std::vector<std::int32_t> changes;
-    std::vector<std::array<int, 2>> reach;  // first and last column with a change, per row
+    std::vector<std::uint64_t> changed;  // a bit for each column with a change (rows, words)
+
+    Layers(int rows, int columns)
+        : first(0),
+          last(0),
+          width(columns),
+          changes(static_cast<std::size_t>(rows) * (columns + 1) * kLanes),
+          changed(static_cast<std::size_t>(rows) * words()) {}
+
+    int words() const { return width / 64 + 1; }
 
     std::int32_t* at(int row, int column) {
         return &changes[(static_cast<std::size_t>(row - first) * (width + 1) + column) * kLanes];
     }
+
+    std::uint64_t* changed_in(int row) { return &changed[static_cast<std::size_t>(row - first) * words()]; }
 };
 
 [[gnu::noinline]] void draw(const Crossing& edge, Layers& layers) {
@@ -200,28 +212,33 @@ struct Layers {
         const int column =
             static_cast<int>(std::min(std::max(std::ceil(place), 0.0), static_cast<double>(layers.width)));
         layers.at(row, column)[edge.lane] -= edge.weight;
-        auto& [left, right] = layers.reach[row - layers.first];
-        left = std::min(left, column);
-        right = std::max(right, column);
+        layers.changed_in(row)[column / 64] |= std::uint64_t{1} << (column % 64);
     }
 }
 
-// Marks pixels with at least one layer, and clears the changes.
+// Marks pixels with at least one layer, run by run between changes, and clears the changes.
 [[gnu::noinline]] void sum(Array<std::uint8_t, 2> bits, Byte8 marks, Layers& layers) {
     for (int row = layers.first; row < layers.last; ++row) {
-        auto& [left, right] = layers.reach[row - layers.first];
-        if (left > right) continue;
         Int8 count{};
-        std::int32_t* at = layers.at(row, left);
-        for (int column = left; column <= right; ++column, at += kLanes) {
-            count += load<Int8>(at);
-            store(at, Int8{});
-            if (column == layers.width) break;
-            auto found = std::bit_cast<std::uint64_t>(__builtin_convertvector(count > 0, Byte8) & marks);
-            found |= found >> 32, found |= found >> 16, found |= found >> 8;
-            bits(row, column) |= static_cast<std::uint8_t>(found);
+        std::uint8_t covering = 0;  // marks of the run
+        int start = 0;
+        std::uint64_t* words = layers.changed_in(row);
+        for (int word = 0; word < layers.words(); ++word) {
+            for (std::uint64_t left = std::exchange(words[word], 0); left != 0; left &= left - 1) {
+                const int column = 64 * word + std::countr_zero(left);
+                if (covering != 0)
+                    for (std::uint8_t *at = bits.at(row) + start, *end = bits.at(row) + column; at < end;
+                         ++at)
+                        *at |= covering;
+                std::int32_t* at = layers.at(row, column);
+                count += load<Int8>(at);
+                store(at, Int8{});
+                auto found = std::bit_cast<std::uint64_t>(__builtin_convertvector(count > 0, Byte8) & marks);
+                found |= found >> 32, found |= found >> 16, found |= found >> 8;
+                covering = static_cast<std::uint8_t>(found);
+                start = column;
+            }
         }
-        left = layers.width + 1, right = -1;
     }
 }
 
@@ -232,12 +249,8 @@ void fill_crossing(Array<std::uint8_t, 2> bits, std::uint8_t mark, const std::ar
     EdgeFunctions edges;
     if (inside.empty() || !edge_functions(corners, edges)) return;
     for (int y = inside.top; y <= inside.bottom; ++y) {
-        for (int x = inside.left; x <= inside.right; ++x) {
-            const double column = x + at.column, row = y + at.row;
-            if (edges.at(0, column, row) >= 0.0 && edges.at(1, column, row) >= 0.0 &&
-                edges.at(2, column, row) >= 0.0)
-                bits(y, x) |= mark;
-        }
+        const auto [first, last] = edges.inside({inside.left, inside.right}, y + at.row, at);
+        for (int x = first; x <= last; ++x) bits(y, x) |= mark;
     }
 }
 
@@ -273,9 +286,7 @@ void mark_covered(Array<std::uint8_t, 2> bits, const Mesh& mesh, const Projectio
     const std::vector<Crossing> edges = crossings(mesh, room, marks, height);
     if (edges.empty()) return;
     const int rows = std::clamp(kBandNumbers / (kLanes * (width + 1)), 1, height);
-    Layers layers{0, 0, width,
-                  std::vector<std::int32_t>(static_cast<std::size_t>(rows) * (width + 1) * kLanes),
-                  std::vector<std::array<int, 2>>(rows, {width + 1, -1})};
+    Layers layers(rows, width);
     for (int first = 0; first < height; first += rows) {
         layers.first = first, layers.last = std::min(first + rows, height);
         for (const Crossing& edge : edges) draw(edge, layers);

@@ -48,6 +48,29 @@ struct EdgeFunctions {
     double at(int edge, double x, double y) const {
         return edges[edge].x * x + edges[edge].y * y + edges[edge].w;
     }
+
+    // The part of a run of columns, from the first to the last, at which a row is inside all edges.
+    // `at` never falls, or never rises, along a row, rounding included: so the ends are exact.
+    std::array<int, 2> inside(std::array<int, 2> run, double y, SamplePlace place) const {
+        auto [first, last] = run;
+        for (int edge = 0; edge < 3; ++edge) {
+            const auto is_inside = [&](int column) { return at(edge, column + place.column, y) >= 0.0; };
+            const double slope = edges[edge].x;
+            const double zero = -(edges[edge].y * y + edges[edge].w) / slope - place.column;
+            int bound = zero > first ? static_cast<int>(std::min(zero, last + 1.0)) : first;
+            if (slope >= 0.0) {
+                while (bound > first && is_inside(bound - 1)) --bound;
+                while (bound <= last && !is_inside(bound)) ++bound;
+                first = bound;
+            } else {
+                bound = std::min(bound, last);
+                while (bound < last && is_inside(bound + 1)) ++bound;
+                while (bound >= first && !is_inside(bound)) --bound;
+                last = bound;
+            }
+        }
+        return {first, last};
+    }
 };
 
 // Fills in the edge functions, the rows of the adjugate; false for a triangle without area.
