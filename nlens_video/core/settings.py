@@ -65,7 +65,7 @@ class SourceSettings:
 
 
 SUN_STRENGTH = 2.0
-"""Light of a sun on the ground by all other light, where it is not given [1]."""
+"""Light of a sun on the ground by all other light, where neither option nor plate tells it [1]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,12 +75,13 @@ class SunSettings:
     Attributes:
         azimuth_deg: 0 where the camera looks on the first frame, 90 to its right [deg].
         elevation_deg: above the horizon, above 0 to 90 [deg].
-        strength: its light on the ground by all other light [1].
+        strength: its light on the ground by all other light, None as the plate's own shadows
+            show it, `SUN_STRENGTH` where they do not [1].
     """
 
     azimuth_deg: float
     elevation_deg: float
-    strength: float = SUN_STRENGTH
+    strength: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,7 +14,7 @@ from pathlib import Path
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import KnownLens, parse_lens
 from nlens_video.core.placement import Region
-from nlens_video.core.settings import SUN_STRENGTH, SunSettings, TrackFocus
+from nlens_video.core.settings import SunSettings, TrackFocus
 from nlens_video.video.named_files import input_name, output_name
 
 _LARGEST = 1e9
@@ -109,8 +109,8 @@ def sun(text: str) -> SunSettings:
             f"{text!r} is not AZ,EL or AZ,EL,STRENGTH, such as 60,35 (from the right of where the "
             "camera looks, 35 degrees up; above 0 to 90) or 60,35,3 (up to 100)"
         )
-    azimuth, elevation, strength = (*values, SUN_STRENGTH)[:3]
-    return SunSettings(azimuth_deg=azimuth, elevation_deg=elevation, strength=strength)
+    strength = values[2] if values[2:] else None
+    return SunSettings(azimuth_deg=values[0], elevation_deg=values[1], strength=strength)
 
 
 def point(text: str) -> tuple[float, float]:

@@ -138,6 +138,8 @@ class Illumination:
             where that light is a guess beside known lamps [1].
         exposure: factor on the lights of the file, which are not among the lamps yet [1].
         surround: the ambient light as smooth surfaces mirror it; None where that is not known.
+        shadow_left: share of the ground's light (3,) that the strongest lamp's shadow leaves, as
+            the plate's own shadows show it; None where they do not [1].
     """
 
     lamps: tuple[Lamp, ...]
@@ -145,6 +147,7 @@ class Illumination:
     contact: float = 1.0
     exposure: float = 1.0
     surround: Surround | None = None
+    shadow_left: Float64 | None = None
 
     @classmethod
     def plausible(cls) -> Illumination:

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.core.errors import Note, NoteKind
-from nlens_video.core.layers import Float32, Float64
-from nlens_video.core.settings import SunSettings
+from nlens_video.core.layers import Float32, Float64, Picture
+from nlens_video.core.settings import SUN_STRENGTH, SunSettings
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.environment import reduce_environment
 from nlens_video.scene.illumination import (
+    LUMINANCE,
     MAX_LAMPS,
     Illumination,
     Lamp,
@@ -20,10 +21,12 @@ from nlens_video.scene.illumination import (
     sun,
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
+from nlens_video.scene.plate_shadows import share_in_shadow
 
 _SUN_DIAMETER = math.radians(0.53)
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
+_STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
 
@@ -55,9 +58,9 @@ class SceneLight:
         if self.count:
             found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
         if self.sun is not None:
-            found.append(
-                f"--sun {self.sun.azimuth_deg:g},{self.sun.elevation_deg:g},{self.sun.strength:g}"
-            )
+            sun_ = self.sun
+            strength = "" if sun_.strength is None else f",{sun_.strength:g}"
+            found.append(f"--sun {sun_.azimuth_deg:g},{sun_.elevation_deg:g}{strength}")
         if self.environment is not None:
             count = len(self.environment.lamps)
             level = "" if self.exposure_given else ", at the plate's level"
@@ -80,13 +83,14 @@ class SceneLight:
             )
         return Note(text, NoteKind.INFORMATION)
 
-    def around(
+    def around_without_sun(
         self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...]
     ) -> Illumination:
         """The light beside the file's, at the plate's level unless the map's brightness is given.
 
         The file's lights stay as bright as they are, unless that burns the object out: Blender
-        exports a sun of 3 W/m2 as 2049 lx, and no file tells the exposure of the plate.
+        exports a sun of 3 W/m2 as 2049 lx, and no file tells the exposure of the plate. For a sun
+        of `--sun` see `with_sun`.
 
         Args:
             plate: scene-linear (h, w, 3), of any size.
@@ -94,12 +98,6 @@ class SceneLight:
             seat: where the object stands.
             lights: the file's, at that moment.
         """
-        return self.with_sun(self.around_without_sun(plate, camera, seat, lights), camera, seat)
-
-    def around_without_sun(
-        self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...]
-    ) -> Illumination:
-        """As `around`, for any sun."""
         if self.environment is not None and self.exposure_given:
             found = self.environment
         else:
@@ -114,9 +112,41 @@ class SceneLight:
             found = replace(found, exposure=exposure)
         return found
 
-    def with_sun(self, light: Illumination, camera: Camera, seat: Seat) -> Illumination:
-        """Light around the object, its level shared with the sun if there is one."""
-        return light if self.sun is None else _with_sun(light, self.sun, camera, seat)
+    def with_sun(
+        self,
+        light: Illumination,
+        picture: Picture,
+        camera: Camera,
+        seat: Seat,
+        lights: tuple[PosedLight, ...],
+    ) -> Illumination:
+        """Light around the object, its level shared with the sun if there is one.
+
+        How dark a sun's shadow is, the plate's own shadows tell where they show it.
+
+        Args:
+            light: from `around_without_sun`.
+            picture: the plate.
+            camera: of the frame that it shows.
+            seat: where the object stands.
+            lights: the file's, at that moment.
+        """
+        toward = self._toward_sun(camera, lights)
+        left = None
+        if toward is not None:
+            left = share_in_shadow(picture, camera, seat.ground_y, toward)
+        if self.sun is not None:
+            light = _with_sun(light, self.sun, camera, seat, left)
+        return light if left is None else replace(light, shadow_left=left)
+
+    def _toward_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
+        """Direction (3,) to a sun of which all but the share of its light is given."""
+        if self.environment is not None:
+            return None
+        if self.sun is not None:
+            return None if self.sun.strength else _toward(self.sun, camera)
+        strongest = _strongest(tuple(map(Lamp, lights)) if self.count else ())
+        return None if strongest is None else -strongest[0].posed.direction
 
     def on_object(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
@@ -143,13 +173,44 @@ class SceneLight:
         """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
         light = self.on_object(lights, plate_light)
         told = self.count > 0 or plate_light is not None or self.environment is not None
+        if plate_light is not None and plate_light.shadow_left is not None:
+            return _as_shaded(light, plate_light.shadow_left)
         return light if told else replace(light, lamps=())
 
 
-def _with_sun(light: Illumination, given: SunSettings, camera: Camera, seat: Seat) -> Illumination:
+def _strongest(lamps: tuple[Lamp, ...]) -> tuple[Lamp, Float64, Float64] | None:
+    """The distant lamp that gives the ground nearly all of their light, its light, and all (3,)."""
+    above = Illumination(tuple(one for one in lamps if one.posed.light.kind == "directional"), None)
+    given = [Illumination((one,), None).on_plane(np.zeros(3)) for one in above.lamps]
+    whole = np.asarray(sum(given, np.zeros(3)))
+    if float(whole @ LUMINANCE) <= 0.0:
+        return None
+    best = int(np.argmax([one @ LUMINANCE for one in given]))
+    strong = float(given[best] @ LUMINANCE) >= _STRONGEST * float(whole @ LUMINANCE)
+    return (above.lamps[best], given[best], whole) if strong else None
+
+
+def _as_shaded(light: Illumination, left: Float64) -> Illumination:
+    """The light with so much around that the strongest lamp's shadow leaves that share (3,)."""
+    found = _strongest(light.lamps)
+    around = light.irradiance_around(np.array([0.0, 1.0, 0.0]))
+    if found is None or light.ambient is None or not (around > 0.0).all():
+        return light
+    _, strongest, whole = found
+    wanted = np.maximum(left / (1.0 - left) * strongest - (whole - strongest), 0.0)
+    return replace(light, ambient=light.ambient * (wanted / around))
+
+
+def _with_sun(
+    light: Illumination, given: SunSettings, camera: Camera, seat: Seat, left: Float64 | None
+) -> Illumination:
     """The light with its level shared between a sun and what it was."""
     level = light.on_plane(seat.foot)
-    share = given.strength / (1.0 + given.strength)
+    share = SUN_STRENGTH / (1.0 + SUN_STRENGTH)
+    if given.strength is not None:
+        share = given.strength / (1.0 + given.strength)
+    elif left is not None:
+        share = 1.0 - float(left @ LUMINANCE)
     toward = _toward(given, camera)
     lamp = sun(share * level / toward[1], -toward)
     rest = light.scaled(1.0 - share)

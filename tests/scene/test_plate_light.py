@@ -21,6 +21,7 @@ from nlens_video.scene.illumination import (
 from nlens_video.scene.plate_environment import Seat, plate_environment, sphere
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.scene.surround import mirrored_light
+from nlens_video.video.pixels.picture import ArrayPicture
 
 UP, DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])
 AWAY, BACK = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
@@ -55,7 +56,7 @@ def plate(above=SKY, below=LAWN):
 
 
 def around(picture, **given):
-    return SceneLight(0, **given).around(picture, level_camera(), SEAT, ())
+    return SceneLight(0, **given).around_without_sun(picture, level_camera(), SEAT, ())
 
 
 def test_surroundings_show_what_the_plate_shows_where_it_shows_it():
@@ -108,7 +109,7 @@ def test_clipped_window_is_a_light_from_its_direction():
 def test_lights_of_the_file_leave_less_for_the_light_around():
     lamp = sun(np.full(3, 2.0), DOWN)
     alone = around(plate())
-    beside = SceneLight(1).around(plate(), level_camera(), SEAT, (lamp,))
+    beside = SceneLight(1).around_without_sun(plate(), level_camera(), SEAT, (lamp,))
     up, rest = (float(one.irradiance_around(UP) @ LUMINANCE) for one in (alone, beside))
     assert 0.3 * up < rest < up
     assert len(SceneLight(1).on_object((lamp,), beside).lamps) == 1 + len(beside.lamps)
@@ -132,7 +133,8 @@ def test_map_is_brought_to_the_level_of_the_plate_unless_its_exposure_is_given()
 )
 def test_sun_stands_to_the_right_of_the_view_and_takes_its_share(azimuth, elevation, toward):
     given = SunSettings(azimuth_deg=azimuth, elevation_deg=elevation, strength=3.0)
-    without, light = around(plate()), around(plate(), sun=given)
+    without, seen = around(plate()), ArrayPicture(np.full((100, 160, 3), 90, np.uint8), "rgb")
+    light = SceneLight(0, sun=given).with_sun(without, seen, level_camera(), SEAT, ())
     (lamp,) = light.lamps
     assert -lamp.posed.direction == pytest.approx(np.array(toward), abs=1e-6)
     assert light.on_plane(SEAT.foot) == pytest.approx(without.on_plane(SEAT.foot))
@@ -145,7 +147,7 @@ def test_camera_that_sees_no_ground_still_gives_a_light():
     pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # straight up
     pose[1, 3] = 1.0
     up = Camera(world_from_camera=pose, fx=100.0, fy=100.0, cx=80.0, cy=50.0, width=160, height=100)
-    light = SceneLight(0).around(plate(), up, SEAT, ())
+    light = SceneLight(0).around_without_sun(plate(), up, SEAT, ())
     assert (light.irradiance_around(UP) > 0.0).all()
     assert np.isfinite(light.ambient).all()
 
@@ -166,7 +168,8 @@ def test_note_says_where_the_light_comes_from():
     both = SceneLight(2, reduce_environment(np.ones((16, 32, 3), np.float32))).note
     assert "2 lights" in both and "at the plate's level" in both
     given = SunSettings(azimuth_deg=60.0, elevation_deg=35.0)
-    assert "--sun 60,35,2" in SceneLight(0, sun=given).note
+    assert "--sun 60,35" in SceneLight(0, sun=given).note
+    assert "--sun 60,35,3" in SceneLight(0, sun=replace(given, strength=3.0)).note
 
 
 def test_contact_is_lighter_only_where_the_light_around_known_lamps_is_a_guess():
@@ -181,7 +184,9 @@ def test_contact_is_lighter_only_where_the_light_around_known_lamps_is_a_guess()
 @pytest.mark.parametrize("intensity", [1.0, 6.0, 2049.0, 100_000.0])
 def test_files_lamps_in_lux_are_exposed_as_the_plate_is(intensity):
     lamp = sun(np.full(3, intensity), np.array([0.6, -0.8, 0.0]))
-    beside = SceneLight(1).around(plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,))
+    beside = SceneLight(1).around_without_sun(
+        plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,)
+    )
     lit = SceneLight(1).on_object((lamp,), beside)
     white = lit.on_plane(SEAT.foot) / math.pi
     assert 0.5 < white[1] < 2.5
@@ -192,7 +197,9 @@ def test_files_lamps_in_lux_are_exposed_as_the_plate_is(intensity):
 def test_point_light_is_exposed_by_what_arrives_at_the_object():
     light = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1000.0)
     lamp = PosedLight(light, SEAT.middle + (0.0, 3.0, 0.0), DOWN)
-    beside = SceneLight(1).around(plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,))
+    beside = SceneLight(1).around_without_sun(
+        plate((0.5,) * 3, (0.18,) * 3), level_camera(), SEAT, (lamp,)
+    )
     kept = SceneLight(1).on_object((lamp,), beside).lamps[0].posed.light.intensity
     assert 1.5 < kept / 3.0**2 < 4.0
 

@@ -42,8 +42,6 @@ _FEWEST = 100  # pixels of a shadow on things from which on it counts
 _MEAN_PX = 5  # grain of the truth is averaged over so many pixels each way
 _CLEAR_PX = 3  # from the outermost pixel that the object's blur reaches
 _DARK = 1e-4  # light below which none is compared [1]
-
-
 _GAINS = (
     Column("gain_db", "gain over none [dB]"),
     Column("gain_db", "least gain [dB]", 2, "least"),
@@ -143,7 +141,7 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
 
     depth = DepthMap(np.where((real > 0.0) & (real < FAR), real, np.float32(np.inf)))
     found, there = _Rows(), _Rows()
-    for row, light in {NONE: None, **_lights(plate)}.items():
+    for row, (_, light) in {NONE: (None, None), **_lights(plate)}.items():
         plane = None if light is None else CastShadow()(moments, light, plate.ground_y, case.fit)
         if (dark & ground).any():
             found[row] = figures(plane, dark & ground)
@@ -156,8 +154,8 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
     return found, there
 
 
-def _lights(plate: Plate) -> dict[str, Illumination]:
-    """The light of each case on object and ground."""
+def _lights(plate: Plate) -> dict[str, tuple[Illumination, Illumination]]:
+    """The light of each case on the object, and on the ground."""
     lights = plate.scene.pose(0.0).lights
     path = plate.folder / MAP
     cases = {GUESSED: SceneLight(0)}
@@ -171,8 +169,9 @@ def _lights(plate: Plate) -> dict[str, Illumination]:
     seat = Seat.of(plate.scene.pose(0.0).bounds(), plate.ground_y)
     lit = {}
     for row, light in cases.items():
-        around = light.around(small, plate.camera, seat, lights if light.count else ())
-        lit[row] = light.on_object(lights, around)
+        where = plate.camera, seat, lights if light.count else ()
+        around = light.with_sun(light.around_without_sun(small, *where), picture, *where)
+        lit[row] = light.on_object(lights, around), light.on_ground(lights, around)
     return lit
 
 
@@ -193,7 +192,7 @@ def _light_figures(plate: Plate) -> dict[str, dict[str, float]]:
         raise InputError(f"{path}: shape {truth.shape}, expected the picture's")
     frame = Box(0, 0, plate.camera.width, plate.camera.height)
     found = {}
-    for row, light in _lights(plate).items():
+    for row, (light, _) in _lights(plate).items():
         drawn = np.zeros((frame.height, frame.width, 4))
         with SoftwareObjectRenderer(plate.scene, SceneLight(0)) as renderer:
             layer = renderer.render(0.0, plate.camera, plate_light=light)

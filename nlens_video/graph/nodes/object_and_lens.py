@@ -59,7 +59,7 @@ class EstimateLight(Node):
             camera, light = self._context.objects.camera(0.0), self._scene.light
             if self._without_sun is None:
                 self._without_sun = light.around_without_sun(plate, camera, seat, posed.lights)
-            self._light = light.with_sun(self._without_sun, camera, seat)
+            self._light = light.with_sun(self._without_sun, picture, camera, seat, posed.lights)
         return self._light
 
     def under_sun_of(self, context: NodeContext) -> EstimateLight:
