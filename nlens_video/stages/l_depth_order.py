@@ -33,8 +33,9 @@ from nlens_video.stages.l_reblur import Reach
 CHANNELS = 11
 """Maps that the network reads."""
 
-POINTS = 16
-"""Points of the aperture that suffice for a covariance."""
+POINTS = (16, 32, 64)
+"""Points of the aperture for a covariance: at least one for each pixel of the largest disc's width,
+as long as there are so many. Fewer show as specks where a large disc meets a thin part."""
 
 CELL = 4
 """Pixels that the network takes together, each way; cells are those of the frame [px]."""
@@ -134,11 +135,13 @@ def candidates(
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
     coverage = near[..., 3]
     partly = reached & (coverage > _CLEAR) & (coverage < 1.0 - _CLEAR) & (back[..., 3] > _CLEAR)
+    largest = max(float(np.abs(one).max(initial=0.0, where=partly)) for one in (near_coc, back_coc))
+    enough = next((count for count in POINTS if count >= largest), POINTS[-1])
     covariance = aperture_covariance(
         (near_alpha, near_coc),
         (parts.back_rgba, back_coc),
         partly,
-        even_points(POINTS),
+        even_points(enough),
         pixel_aspect=pixel_aspect,
     )
     made = Candidates(scattered=scattered, near=near, back=back, covariance=covariance)

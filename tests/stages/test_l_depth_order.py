@@ -7,11 +7,13 @@ from nlens_video.core.layers import (
     BlurredLayer,
     Box,
     DefocusedLayer,
+    HiddenLayer,
     ObjectLayer,
 )
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxRepairNetwork
+from nlens_video.stages import l_depth_order
 from nlens_video.stages.l_depth_order import CELL, CHANNELS, RepairDepthOrder
 from nlens_video.stages.l_reblur import ReblurLayer
 
@@ -53,6 +55,10 @@ def moved(slab, by):
 
 def rod(x, coc_px):
     return lens_truth.Slab(corners=(x, 12.0, x + 5.4, 128.0), coc_px=coc_px, seed=x)
+
+
+def no_network(geometry):
+    raise AssertionError("what lies behind is known: nothing is left to judge")
 
 
 SCENES = {
@@ -197,3 +203,24 @@ def test_repair_of_a_layer_out_of_the_frame_is_empty(repair):
 def test_weights_of_another_network_are_refused():
     with pytest.raises(NlensError, match="expected"):
         OnnxRepairNetwork(find_model("coc").path)
+
+
+def test_large_discs_over_a_thin_part_behind_them_show_no_specks(monkeypatch):
+    height, width = 200, 260
+    y, x = np.indices((height, width))
+    front = np.float32([0.8, 0.7, 0.6, 1.0]) * (x < 130)[..., None]
+    leans = (np.abs(x - 122 - 0.3 * (y - 100)) < 4) & (y > 50) & (y < 150)
+    thin = np.float32([0.8, 0.2, 0.1, 1.0]) * leans[..., None]
+    box, behind = Box(100, 60, 100 + width, 60 + height), np.full((height, width), 20.0, np.float32)
+    sharp = DefocusedLayer(
+        layer=ObjectLayer(box=box, rgba=np.where(x[..., None] < 130, front, thin), depth=behind),
+        coc_px=np.where(x < 130, np.float32(56.0), behind),
+        behind=HiddenLayer(
+            box=box, rgba=thin * (x < 130)[..., None], coc_px=behind, front_rgba=front
+        ),
+    )
+    in_order = RepairDepthOrder(network=no_network, scatter=scatter, reach=blur_reach)
+    blurred = scattered(sharp, Box(0, 0, 500, 400))
+    found = in_order(sharp, blurred).rgba
+    monkeypatch.setattr(l_depth_order, "POINTS", (256,))
+    assert np.abs(found - in_order(sharp, blurred).rgba).max() < 0.04  # 0.08 by 16 points
