@@ -28,6 +28,7 @@ _SCAN_SAMPLES = 3000
 _FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
 _STEPS = 40
 _USUAL_FOCUS = 0.4  # deviation of the logarithm of the focused distance from the object's
+_ALIKE, _ALIKE_TOLD = 16.0, 4.0  # errors alike, by the squared standard errors of the slope
 _TOLD_POWER = 6  # at two standard errors a slope is even odds, at four a certainty
 _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
@@ -260,7 +261,8 @@ def with_what_is_open(
 
     Fine grain, noise and mirrors make a network read too little blur at all depths alike, and no
     residual shows it. A slope that is told from zero says that it has not happened; where there is
-    none, the lens may be any that is in use, focused about as far as the object stands.
+    none, the lens may be any that is in use, focused about as far as the object stands. In between
+    grounds that are hard to read are misread more than their expected errors say.
 
     Args:
         covariance: of the readings (2, 2).
@@ -275,7 +277,7 @@ def with_what_is_open(
     mean = disparity * np.exp(0.5 * _USUAL_FOCUS**2)
     square = disparity**2 * np.exp(2.0 * _USUAL_FOCUS**2)
     usual = usual_slope**2 * np.array([[1.0, -mean], [-mean, square]])
-    whole = covariance + misread * usual
+    whole = covariance * (1.0 + _ALIKE / (_ALIKE_TOLD + told * told)) + misread * usual
     if other is not None:
         step = np.array([other.slope, -other.slope * other.focus])
         step -= np.array([lens.slope, -lens.slope * lens.focus])

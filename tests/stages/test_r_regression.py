@@ -10,7 +10,7 @@ from nlens_video.core.layers import CocMap
 from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens
-from nlens_video.stages.r_robust_v import VFit
+from nlens_video.stages.r_robust_v import VCandidate, VFit, with_what_is_open
 
 
 def plate(plane, slope, focus, sigma=0.5):
@@ -107,6 +107,14 @@ def test_ground_that_reads_sharp_at_all_depths_leaves_the_lens_open():
     assert open_too.sign == "ambiguous" and not open_too.depends_on_depth
     share = readings.coc_stderr_px(there) / open_too.coc_stderr_px(there)
     assert open_too.readings_share == pytest.approx(float(share), rel=1e-3)
+
+
+@pytest.mark.parametrize(("told", "larger"), [(0.1, 2.23), (3.5, 1.41), (12.0, 1.06)])
+def test_readings_are_trusted_the_less_the_less_they_tell_the_slope(told, larger):
+    readings = np.array([[4.0, -3.0], [-3.0, 3.0]])
+    lens = VCandidate(slope=2.0 * told, focus=0.5)
+    whole = with_what_is_open(readings, lens, None, 0.0, 0.0, 1.0)
+    np.testing.assert_allclose(np.sqrt(whole / readings), larger, rtol=0.01)
 
 
 def test_usual_lenses_change_nothing_where_the_blur_clearly_changes_with_depth():
