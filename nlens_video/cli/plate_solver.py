@@ -43,7 +43,7 @@ from nlens_video.video.info import SourceInfo
 _PICTURE_PX = 960  # width of a picture of the report [px]
 _WIDEST = 1280  # pictures are solved at this width at most [px]
 _GIVEN_ERROR = 1e-3
-_MOST_OFF = 0.01  # of the width, by which half of the points may be off on a path [1]
+_MOST_OFF = 0.004  # of the width, by which half of the points may be off on a path [1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ def solve_plate(
         raise UsageError(f"--range {start}:{end or ''}: the source has no such frames")
     camera = doubted_where_steep(solver.solve(), solver.segments)
     tracked = reproject(solver.seen, solver.times_s, camera)
-    require_path(camera, tracked)
+    require_path(camera, tracked, frames)
     error = tracked.median_px
     method = f"{camera.method}{said}" if camera.fov == "metadata" else camera.method
     camera = replace(
@@ -117,12 +117,13 @@ def solve_plate(
     return Solved(camera, solver, tracked, frames)
 
 
-def require_path(solved: SolvedCamera, tracked: Reprojection) -> None:
+def require_path(solved: SolvedCamera, tracked: Reprojection, frames: Sequence[int]) -> None:
     """Refuse a path that does not explain what was seen.
 
     Args:
         solved: the cameras.
         tracked: points, at the size of the solved camera.
+        frames: of the plate that were solved.
 
     Raises:
         InputError: the camera moves, and half of the points or more are elsewhere.
@@ -132,8 +133,21 @@ def require_path(solved: SolvedCamera, tracked: Reprojection) -> None:
         return
     raise InputError(
         "the camera seems to move, but no path explains its points: half of them are seen over "
-        f"{_MOST_OFF:.0%} of the width beside it; most of the picture moves by itself; leave these "
-        "frames out by --range, or give --camera-from"
+        f"{_MOST_OFF:.1%} of the width beside it; {_followed(solved, tracked, frames)}; leave "
+        "these frames out by --range, or give --camera-from"
+    )
+
+
+def _followed(solved: SolvedCamera, tracked: Reprojection, frames: Sequence[int]) -> str:
+    """What a wrong path was found from: the middle of the points on it, and their frames."""
+    held = tracked.error_px < _MOST_OFF * solved.width
+    if not held.any():
+        return "most of the picture moves by itself"
+    column, row = np.median(tracked.position[held], axis=0) / (solved.width, solved.height)
+    shown = tracked.frame[held]
+    return (
+        f"it follows what is about {column:.0%} from the left and {row:.0%} from above on frames "
+        f"{frames[shown.min()]} to {frames[shown.max()]}, and most else in the picture does not"
     )
 
 

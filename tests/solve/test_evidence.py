@@ -13,6 +13,7 @@ from nlens_video.core.errors import InputError
 from nlens_video.solve.evidence import (
     CLUTTER,
     VERTICAL,
+    Reprojection,
     doubted_where_steep,
     line_groups,
     reproject,
@@ -52,15 +53,31 @@ PAN = [(rotation(0.03 * n, -0.25, 0.0), (0.0, 1.5, 0.0)) for n in range(8)]
 
 
 def test_a_path_beside_which_half_of_the_points_lie_is_refused_and_a_still_camera_is_none():
-    times = [float(n) for n in range(len(WALK))]
+    times, frames = [float(n) for n in range(len(WALK))], range(40, 40 + len(WALK))
     camera = replace(camera_of(WALK), path="moving")
-    require_path(camera, reproject(seen_by(WALK), times, camera))
+    require_path(camera, reproject(seen_by(WALK), times, camera), frames)
     rng = np.random.default_rng(5)
     stray = {frame: rng.normal(0.0, 0.05 * SIZE[0], 2) for frame in range(len(WALK))}
     tracked = reproject(seen_by(WALK, stray), times, camera)
-    with pytest.raises(InputError, match="half of them are seen over 1% of the width beside it"):
-        require_path(camera, tracked)
-    require_path(replace(camera, path="still"), tracked)
+    with pytest.raises(InputError, match="half of them are seen over 0.4% of the width beside it"):
+        require_path(camera, tracked, frames)
+    require_path(replace(camera, path="still"), tracked, frames)
+
+
+def test_a_path_of_what_moves_by_itself_says_where_that_is_and_on_which_frames():
+    camera = replace(camera_of(WALK), path="moving")
+    number = np.repeat(np.arange(10), 8)
+    on_path = (number < 4) & (np.tile(np.arange(8), 10) > 1)
+    tracked = Reprojection(
+        number,
+        np.tile(np.arange(8), 10),
+        np.where(on_path[:, None], (0.25 * SIZE[0], 0.75 * SIZE[1]), (0.6 * SIZE[0], 0.0)),
+        np.where(on_path, 0.1, 7.0),
+    )
+    with pytest.raises(
+        InputError, match="about 25% from the left and 75% from above on frames 42 to 47, and most"
+    ):
+        require_path(camera, tracked, range(40, 48))
 
 
 @pytest.mark.parametrize("poses", [WALK, PAN], ids=["walk", "pan"])
