@@ -1,6 +1,7 @@
 """Light estimated from the plate is a value of the graph and not a state of the renderer."""
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,3 +89,13 @@ def test_lights_that_are_exposed_for_the_plate_are_told_once(tmp_path, sun_lx, t
             run(runner, 120, index)
         found = [note for note in context.objects.notes if "exposed for the plate" in note]
     assert len(found) == told
+
+
+def test_how_dark_the_plates_own_shadows_are_is_told_once_where_it_is_used(context):
+    values = run(executor(context), 120)
+    assert not [note for note in context.objects.notes if "shadow leaves" in note]
+    seen = replace(values.plate_light, shadow_left=np.array([0.4, 0.42, 0.5]))
+    for _ in range(2):
+        context.renderer.render(0.0, values.bounds.camera, plate_light=seen)
+    (note,) = (note for note in context.objects.notes if "shadow leaves" in note)
+    assert "leaves 42 % of the light" in note

@@ -15,7 +15,7 @@ from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination
+from nlens_video.scene.illumination import LUMINANCE, Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -207,17 +207,19 @@ class BoxRenderer(ABC):
             self._posed = self._scene.pose(time_s)
         posed = self._posed
         if posed.lights and plate_light is not None and plate_light.exposure != 1.0:
-            self._note_exposure(plate_light.exposure)
+            self._say(
+                "the file's lights are far brighter than the plate's (in lux, as Blender exports "
+                f"them): exposed for the plate, {math.log2(plate_light.exposure):+.1f} stops"
+            )
+        if plate_light is not None and plate_light.shadow_left is not None:
+            share = 100.0 * float(plate_light.shadow_left @ LUMINANCE)
+            self._say(f"the sun's shadow leaves {share:.0f} % of the light, as the plate's own do")
         light = self._light.on_object(posed.lights, plate_light)
         mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
         return posed, Lighting.of(light, mirrored=mirrored)
 
-    def _note_exposure(self, exposure: float) -> None:
-        note = Note(
-            "the file's lights are far brighter than the plate's (in lux, as Blender exports "
-            f"them): exposed for the plate, {math.log2(exposure):+.1f} stops",
-            NoteKind.INFORMATION,
-        )
+    def _say(self, text: str) -> None:
+        note = Note(text, NoteKind.INFORMATION)
         if note not in self.notes:
             self.notes.append(note)
 
