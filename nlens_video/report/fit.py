@@ -64,6 +64,9 @@ def fit_section(findings: Findings) -> str:
         ("Sign", f"{fit.sign}, {margin_words(fit)}"),
         ("Method", fit.method),
     ]
+    if fit.other is not None:
+        other = "slope {:.5g} px m, CoC at infinity {:.4g} px".format(*fit.other)
+        rows.insert(-1, ("Lens of the other sign", other))
     if findings.shot.plate_coc is None:  # a fit that was given
         del rows[2:-1]
     return section("fit", "Lens fit", body + table("The fit in numbers", (), rows))

@@ -105,9 +105,20 @@ def _lens_advice(findings: Findings) -> Iterator[Advice]:
             f"Whether the object is in front of or behind the focal plane {how} "
             f"({margin_words(fit)}).",
             "Compare the object with what lies beside it in the plate. If it is on the wrong "
-            "side, measure on a frame with more depth of ground in view (--range) and reuse that "
-            "fit with --save-fit and --fit.",
+            f"side, {_other_side(fit)}",
         )
+
+
+def _other_side(fit: LensFit) -> str:
+    """How to get the lens of the other sign."""
+    if fit.other is None:
+        return (
+            "measure on a frame with more depth of ground in view (--range) and reuse that fit "
+            "with --save-fit and --fit."
+        )
+    slope, intercept = fit.other
+    nearer = intercept * fit.slope < fit.intercept * slope
+    return f"--prefer {'near' if nearer else 'far'} takes the other lens that explains the plate."
 
 
 def _regression_advice(findings: Findings, fit: LensFit) -> Iterator[Advice]:
