@@ -14,7 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.core.layers import Bool, Float32
-from nlens_video.kernels.coc_discontinuities import CocDiscontinuities, HiddenSurface
+from nlens_video.kernels.coc_discontinuities import (
+    SPARE_PX,
+    STEP_PX,
+    CocDiscontinuities,
+    HiddenSurface,
+    chamfer,
+)
 from nlens_video.native import kernels
 
 
@@ -83,6 +89,37 @@ def split_at_hidden(
         back_rgba=back_rgba,
         back_coc_px=back_coc,
     )
+
+
+def cut_reach(
+    rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, hidden: HiddenSurface
+) -> Float32:
+    """How deep a pixel lies within the reach of a cut surface (h, w), 0 out of reach [px].
+
+    Three surfaces behind each other do not part into two layers: the one in the middle is cut where
+    it changes from the near layer to the back one. Where the near side of a cut hides something,
+    that lies in one layer with the other side, which hides it as well.
+
+    Args:
+        rgba: premultiplied colour and alpha (h, w, 4).
+        coc_px: signed CoC diameter (h, w) [px].
+        steps: where it steps.
+        hidden: what the nearest surfaces hide.
+    """
+    covered = rgba[..., 3] > 0.0
+    near = covered & (coc_px > steps.split_px)
+    hides = near & (hidden.rgba[..., 3] > 0.0) & (coc_px - hidden.coc_px > STEP_PX)
+    cut = np.zeros_like(near)
+    for one, other in (((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
+                       ((slice(1, None),), (slice(None, -1),))):  # fmt: skip
+        whole = covered[one] & covered[other] & (np.abs(coc_px[one] - coc_px[other]) < STEP_PX)
+        parts = whole & (near[one] != near[other])
+        cut[one] |= parts & hides[one]
+        cut[other] |= parts & hides[other]
+    reach = np.where(cut, 0.5 * np.abs(coc_px) + SPARE_PX, 0.0).astype(np.float32)
+    if cut.any():
+        chamfer(reach)
+    return reach
 
 
 def inpaint(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:

@@ -8,11 +8,12 @@ from nlens_video.kernels.coc_discontinuities import (
     FULL_STEP_PX,
     SPARE_PX,
     STEP_PX,
+    CocDiscontinuities,
     HiddenSurface,
     extend_nearest,
     find_discontinuities,
 )
-from nlens_video.kernels.depth_layers import split_at_steps
+from nlens_video.kernels.depth_layers import cut_reach, split_at_steps
 
 OPAQUE = np.float32([0.4, 0.2, 0.1, 1.0])
 
@@ -161,3 +162,23 @@ def test_splitting_any_layer_gives_finite_values_within_its_range(seed, height, 
     for part in (layers.near_rgba, layers.back_rgba):
         assert np.isfinite(part).all() and part.min() >= 0.0 and part.max() <= 1.0 + 1e-6
     assert np.abs(layers.back_coc_px).max() <= 20.001
+
+
+def hiding(coc_px):
+    """A surface at CoC 20, cut at column 40 by splits at 30 and 10, above another one."""
+    rgba, coc = np.ones((60, 80, 4), np.float32), np.full((60, 80), 20.0, np.float32)
+    split = np.where(np.arange(80) < 40, np.float32(30.0), np.float32(10.0)) + 0.0 * coc
+    steps = CocDiscontinuities(inside_px=coc, split_px=split)
+    behind = HiddenSurface(rgba=rgba, coc_px=np.full_like(coc, coc_px), front_rgba=rgba)
+    return cut_reach(rgba, coc, steps, behind)
+
+
+def test_cut_through_a_surface_that_hides_another_reaches_as_far_as_its_disc():
+    reach = hiding(2.0)
+    assert reach.max() == 0.5 * 20.0 + SPARE_PX
+    assert (reach[:, 30:50] > 0.0).all()
+    assert not reach[:, :26].any() and not reach[:, 54:].any()
+
+
+def test_cut_above_a_surface_of_the_same_blur_is_none():
+    assert not hiding(19.0).any()
