@@ -9,19 +9,25 @@ fills each unknown one from the finest level that has data.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Float32
 from nlens_video.kernels.coc_discontinuities import (
+    FULL_STEP_PX,
     SPARE_PX,
     STEP_PX,
     CocDiscontinuities,
     HiddenSurface,
-    chamfer,
 )
 from nlens_video.native import kernels
+
+_SPREAD = 0.35  # standard deviation of what a cut concerns, by the disc's diameter [1]
+_SIGMA_PX = 4.0  # blur for which a picture is coarse enough
+_WHOLE = 4.0  # share upon a long straight cut, before it is bounded by 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,14 +97,15 @@ def split_at_hidden(
     )
 
 
-def cut_reach(
+def cut_share(
     rgba: Float32, coc_px: Float32, steps: CocDiscontinuities, hidden: HiddenSurface
-) -> Float32:
-    """How deep a pixel lies within the reach of a cut surface (h, w), 0 out of reach [px].
+) -> Float32 | None:
+    """How much of what a pixel's disc meets is a cut through a surface (h, w), 0 to 1; None: none.
 
     Three surfaces behind each other do not part into two layers: the one in the middle is cut where
     it changes from the near layer to the back one. Where the near side of a cut hides something,
-    that lies in one layer with the other side, which hides it as well.
+    that lies in one layer with the other side, which hides it as well. The share grows with the
+    length of the cut and with the step to what it hides, so that nothing pops when one appears.
 
     Args:
         rgba: premultiplied colour and alpha (h, w, 4).
@@ -108,18 +115,29 @@ def cut_reach(
     """
     covered = rgba[..., 3] > 0.0
     near = covered & (coc_px > steps.split_px)
-    hides = near & (hidden.rgba[..., 3] > 0.0) & (coc_px - hidden.coc_px > STEP_PX)
-    cut = np.zeros_like(near)
-    for one, other in (((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
-                       ((slice(1, None),), (slice(None, -1),))):  # fmt: skip
-        whole = covered[one] & covered[other] & (np.abs(coc_px[one] - coc_px[other]) < STEP_PX)
-        parts = whole & (near[one] != near[other])
-        cut[one] |= parts & hides[one]
-        cut[other] |= parts & hides[other]
-    reach = np.where(cut, 0.5 * np.abs(coc_px) + SPARE_PX, 0.0).astype(np.float32)
-    if cut.any():
-        chamfer(reach)
-    return reach
+    hides = np.clip((coc_px - hidden.coc_px - STEP_PX) / (FULL_STEP_PX - STEP_PX), 0.0, 1.0)
+    hides *= near & (hidden.rgba[..., 3] > 0.0)
+    cut = np.zeros_like(coc_px)
+    whole = slice(None)
+    for one, other in (
+        ((whole, slice(1, None)), (whole, slice(None, -1))),
+        ((slice(1, None), whole), (slice(None, -1), whole)),
+    ):
+        parts = covered[one] & covered[other] & (near[one] != near[other])
+        parts &= np.abs(coc_px[one] - coc_px[other]) < STEP_PX
+        cut[one] = np.maximum(cut[one], parts * hides[one])
+        cut[other] = np.maximum(cut[other], parts * hides[other])
+    if not cut.any():
+        return None
+    sigma = _SPREAD * float(np.abs(coc_px).max(where=cut > 0.0, initial=0.0)) + 0.5 * SPARE_PX
+    step = max(1, int(sigma / _SIGMA_PX))
+    height, width = cut.shape
+    size = -(-width // step), -(-height // step)
+    coarse = cv2.resize(cut, size, interpolation=cv2.INTER_AREA)
+    soft = cv2.GaussianBlur(coarse, (0, 0), sigma / step, borderType=cv2.BORDER_CONSTANT)
+    line = math.sqrt(2.0 * math.pi) * sigma  # a long straight cut has 1 / line of it upon itself
+    share = cv2.resize(soft, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.clip(_WHOLE * line * share, 0.0, 1.0), dtype=np.float32)
 
 
 def inpaint(values: Float32, known: Bool, corner: tuple[int, int]) -> Float32:

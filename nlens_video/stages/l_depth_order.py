@@ -25,7 +25,7 @@ from nlens_video.kernels.coc_discontinuities import (
     extend_nearest,
     find_discontinuities,
 )
-from nlens_video.kernels.depth_layers import cut_reach, split_at_hidden, split_at_steps
+from nlens_video.kernels.depth_layers import cut_share, split_at_hidden, split_at_steps
 from nlens_video.kernels.thread_pool import parallel_map
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.stages.l_reblur import Reach
@@ -46,7 +46,6 @@ HALO_PX = 24
 FEATHER_PX = 3.0
 """Width over which the repair fades in at the border of its region [px]."""
 
-_DOUBTED = 0.25  # of the reach of a cut through a surface: over so much of it the order fades out
 _COC_SCALE = 1.0 / 32.0
 _COC_LIMIT = 1.25  # of the scaled CoC: the network's training range
 _CLEAR = 1e-3  # coverage this near to 0 or 1 has a negligible covariance
@@ -201,7 +200,7 @@ class RepairDepthOrder:
         steps = find_discontinuities(rgba, coc, hidden)
         if steps is None or blurred.box.empty:
             return blurred
-        doubt = None if hidden is None else cut_reach(rgba, coc, steps, hidden)
+        doubt = None if hidden is None else cut_share(rgba, coc, steps, hidden)
         reached = Box.of(steps.inside_px > 0.0).moved(whole.x0, whole.y0)
         reached = reached.intersection(blurred.box.expanded(HALO_PX))
         touched = reached.intersection(blurred.box)
@@ -238,17 +237,16 @@ class RepairDepthOrder:
         )
         where = fade(steps.inside_px[touched.slices_in(whole)])
         if doubt is not None:
-            where *= 1.0 - fade(doubt[touched.slices_in(whole)], _DOUBTED * float(doubt.max()))
+            where *= 1.0 - doubt[touched.slices_in(whole)]
         repaired = blurred.rgba.copy()
         target = repaired[touched.slices_in(blurred.box)]
         np.copyto(target, part.resolve(judgement, where), where=(where > 0.0)[..., None])
         return BlurredLayer(box=blurred.box, rgba=repaired)
 
 
-def fade(inside_px: Float32, over_px: float = FEATHER_PX) -> Float32:
-    """Share (h, w): 0 at the border of a region, 1 from so far inside it on."""
-    scale = 1.0 / max(over_px, FEATHER_PX)
-    return np.asarray(np.clip(inside_px * scale, 0.0, 1.0), dtype=np.float32)
+def fade(inside_px: Float32) -> Float32:
+    """Share of the repair (h, w): 0 at the border of its region, 1 `FEATHER_PX` inside it."""
+    return np.asarray(np.clip(inside_px * (1.0 / FEATHER_PX), 0.0, 1.0), dtype=np.float32)
 
 
 def _in_cells(box: Box) -> Box:
