@@ -25,6 +25,7 @@ from nlens_video.kernels.coc_discontinuities import (
 )
 from nlens_video.native import kernels
 
+_SMALL_PX = 28.0  # discs up to which the order is right across cuts too, as `bench` tells
 _SPREAD = 0.35  # standard deviation of what a cut concerns, by the disc's diameter [1]
 _SIGMA_PX = 4.0  # blur for which a picture is coarse enough
 _WHOLE = 4.0  # share upon a long straight cut, before it is bounded by 1
@@ -104,8 +105,9 @@ def cut_share(
 
     Three surfaces behind each other do not part into two layers: the one in the middle is cut where
     it changes from the near layer to the back one. Where the near side of a cut hides something,
-    that lies in one layer with the other side, which hides it as well. The share grows with the
-    length of the cut and with the step to what it hides, so that nothing pops when one appears.
+    that lies in one layer with the other side, which hides it as well. Small discs show nothing of
+    it. The share grows with the disc, the length of the cut and the step to what it hides, so that
+    nothing pops when one appears.
 
     Args:
         rgba: premultiplied colour and alpha (h, w, 4).
@@ -116,6 +118,7 @@ def cut_share(
     covered = rgba[..., 3] > 0.0
     near = covered & (coc_px > steps.split_px)
     hides = np.clip((coc_px - hidden.coc_px - STEP_PX) / (FULL_STEP_PX - STEP_PX), 0.0, 1.0)
+    hides *= np.clip(np.abs(coc_px) / _SMALL_PX - 1.0, 0.0, 1.0)
     hides *= near & (hidden.rgba[..., 3] > 0.0)
     cut = np.zeros_like(coc_px)
     whole = slice(None)

@@ -1,8 +1,11 @@
 import numpy as np
 import pytest
 
+from nlens_video.evaluate.bench.case import built_case
+from nlens_video.evaluate.bench.methods import one_frame, opened, preset_rungs
 from nlens_video.evaluate.bench.scenes import plate, write_scenes
 from nlens_video.evaluate.bench.shapes import Place, SceneLens
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
 from nlens_video.stages.l_reblur import object_coc
@@ -84,3 +87,12 @@ def test_bench_plate_is_deterministic_and_textured():
     first = plate((240, 128))
     assert np.array_equal(first, plate((240, 128)))
     assert first.shape == (128, 240, 3) and first.dtype == np.uint8 and first.std() > 10
+
+
+@pytest.mark.slow
+def test_run_lights_a_bench_scene_as_its_truth_is_lit(scenes):
+    case = built_case(scenes["skinned figure"], SIZE, 16)
+    rung = next(one for one in preset_rungs() if one.name == "standard")
+    with opened(rung, case, Profiler(), case.fit) as steps:
+        picture = one_frame(steps, case, 0)[0]
+    assert case.score(picture)["psnr_db"] > 40.0

@@ -166,31 +166,35 @@ def test_splitting_any_layer_gives_finite_values_within_its_range(seed, height, 
     assert np.abs(layers.back_coc_px).max() <= 20.001
 
 
-def hiding(coc_px, rows=120):
-    """A surface at CoC 20, cut at column 60 by splits at 30 and 10, above another one."""
-    rgba, coc = np.ones((rows, 120, 4), np.float32), np.full((rows, 120), 20.0, np.float32)
-    split = np.where(np.arange(120) < 60, np.float32(30.0), np.float32(10.0)) + 0.0 * coc
+def hiding(coc_px, disc_px=60.0):
+    """A surface of one CoC, cut at column 120 by splits beyond and below it, above another one."""
+    rgba, coc = np.ones((240, 240, 4), np.float32), np.full((240, 240), disc_px, np.float32)
+    split = np.where(np.arange(240) < 120, coc + np.float32(10.0), coc - np.float32(10.0))
     steps = CocDiscontinuities(inside_px=coc, split_px=split)
     behind = HiddenSurface(rgba=rgba, coc_px=np.full_like(coc, coc_px), front_rgba=rgba)
     return rgba, coc, steps, behind
 
 
 def test_cut_through_a_surface_that_hides_another_counts_as_far_as_its_disc_reaches():
-    share = cut_share(*hiding(2.0))[60]
-    assert share[50:71].min() == 1.0  # a disc's radius each way
-    assert 0.0 < share[42] < 1.0 and 0.0 < share[78] < 1.0
-    assert share[:25].max() < 0.01 and share[95:].max() < 0.01
+    share = cut_share(*hiding(2.0))[120]
+    assert share[90:151].min() == 1.0  # a disc's radius each way
+    assert 0.0 < share[70] < 1.0 and 0.0 < share[170] < 1.0
+    assert share[:25].max() < 0.01 and share[215:].max() < 0.01
 
 
 def test_cut_counts_by_its_length_and_by_the_step_to_what_it_hides():
     rgba, coc, steps, behind = hiding(2.0)
     there = behind.rgba.copy()
-    there[:60] = there[61:] = 0.0
+    there[:120] = there[121:] = 0.0
     few = cut_share(rgba, coc, steps, replace(behind, rgba=there))
     assert 0.0 < few.max() < 0.3
-    most = [cut_share(*hiding(20.0 - step)).max() for step in (2.1, 2.3, 4.0)]
+    most = [cut_share(*hiding(60.0 - step)).max() for step in (2.1, 2.3, 4.0)]
     assert 0.0 < most[0] < most[1] < most[2] == 1.0
 
 
+def test_cut_under_small_discs_is_none():
+    assert cut_share(*hiding(2.0, disc_px=28.0)) is None
+
+
 def test_cut_above_a_surface_of_the_same_blur_is_none():
-    assert cut_share(*hiding(19.0)) is None
+    assert cut_share(*hiding(59.0)) is None

@@ -23,6 +23,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped_pipelines
 from nlens_video.graph.session import open_session
 from nlens_video.stages.l_lens_sampling import view_count
@@ -245,13 +246,16 @@ def one_frame(steps: GraphExecutor, case: Case, index: int) -> tuple[UInt8, dict
 
 
 def _pipeline(rung: Rung) -> PipelineFile:
-    """The rung's pipeline, its lens sampled as accurately as the rung asks."""
+    """The rung's pipeline, its lens sampled as accurately as the rung asks.
+
+    It takes no light from the plate: the truth has none, and what is compared is blur.
+    """
     pipeline = load_pipeline(rung.preset)
-    if rung.accuracy_db is None:
-        return pipeline
-    options: dict[str, object] = {"accuracy_db": rung.accuracy_db}
-    specs = (
-        replace(spec, options=options) if spec.name == "lens-sampling" else spec
-        for spec in pipeline.nodes
-    )
+    specs = [spec for spec in pipeline.nodes if spec.name != EstimateLight.name]
+    if rung.accuracy_db is not None:
+        options: dict[str, object] = {"accuracy_db": rung.accuracy_db}
+        specs = [
+            replace(spec, options=options) if spec.name == "lens-sampling" else spec
+            for spec in specs
+        ]
     return replace(pipeline, nodes=tuple(specs))
