@@ -1,13 +1,12 @@
 """Models that COLMAP itself has written."""
 
 import numpy as np
+import pycolmap
 import pytest
 from support.camera_files import RATE, SIZE, pose_of
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.core.errors import SceneError
-
-pycolmap = pytest.importorskip("pycolmap")
 
 
 @pytest.fixture

@@ -14,7 +14,8 @@ import gi
 gi.require_version("Gst", "1.0")
 gi.require_version("GstWebRTC", "1.0")
 gi.require_version("GstSdp", "1.0")
-# The versions are chosen first. PyGObject needs GstSdp for the offer that a signal hands over.
+# After the versions, which PyGObject takes from the first import (E402). GstSdp is named nowhere
+# below, but PyGObject cannot hand over a signal's offer unless it is loaded (F401).
 from gi.repository import GLib, Gst, GstSdp, GstWebRTC  # noqa: E402, F401
 
 ENOUGH, WAIT_S = 20, 60
