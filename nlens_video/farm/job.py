@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -94,11 +94,10 @@ def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:
     Raises:
         NlensError: as `run.find_fit`.
     """
-    counted: list[int] = []
     with opened(settings.source) as plate:
         seconds = frame_s(plate.info) or 1 / 25
-    fit = _found_fit(settings, store, counted.append)
-    frames = counted[0] if counted else _count_frames(settings.source)
+    fit = _found_fit(settings, store)
+    frames = _count_frames(settings.source)
     known = with_stored_fit(settings, fit, store)
     whole = mark_of(known)
     look_once(known, store, whole.key)
@@ -118,7 +117,7 @@ def with_stored_fit(settings: Settings, fit: str | None, store: Store) -> Settin
     return settings if fit is None else replace(settings, fit=store.fetch(fit))
 
 
-def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], None]) -> str | None:
+def _found_fit(settings: Settings, store: Store) -> str | None:
     """Name of the lens fit, made once; None where one is given or no frame needs it.
 
     Raises:
@@ -130,7 +129,7 @@ def _found_fit(settings: Settings, store: Store, on_counted: Callable[[int], Non
     if not store.has(name):
         fit_run = replace(settings, effects="defocus", output=None, save_fit=store.local / name)
         try:
-            find_fit(fit_run, search_frames=math.inf, on_counted=on_counted)
+            find_fit(fit_run, search_frames=math.inf)
         except OutOfViewError:
             return None  # no frame shows the object
         store.put(name)

@@ -38,6 +38,7 @@ from nlens_video.effects.planner import (
 from nlens_video.graph.base.context import ReadAgain, ShadowScene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
+from nlens_video.graph.moving_foreground import StillSurvey
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
@@ -114,11 +115,13 @@ class PlatePreview:
         pictures: reads them, perhaps only one; called where an effect is measured on them.
         first: number of the frame that the time of measuring is counted to [1].
         again: reads all frames of the shot, None where it can be read only once.
+        survey: of what moves, None where the shot was not looked at yet.
     """
 
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
     again: ReadAgain | None = None
+    survey: StillSurvey | None = None
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None
     _aperture: tuple[ApertureReading | None] | None = None

@@ -9,7 +9,7 @@ and some numbers for each thing on a frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +61,10 @@ class _Sight:
     def camera(self, time_s: float) -> Camera:
         return self.view.camera_at(self.scene, time_s)
 
+    def stays(self, times: Sequence[float]) -> bool:
+        """Whether the camera sees the same at all of these moments [s]."""
+        return all(_same(self.camera(one), self.camera(times[0])) for one in times[1:])
+
     def place(self, time_s: float) -> Box:
         """Where the object and its shadow are, inside the frame; empty where they are not."""
         bounds = bounds_near_frame(self.scene, self.view, time_s)
@@ -82,9 +86,36 @@ class _Sight:
         )  # fmt: skip
 
 
+class StillSurvey:
+    """A first look at a shot as a camera that stands still sees it.
+
+    Args:
+        size: columns and rows of its frames [px].
+
+    Attributes:
+        canvas: where the frames lie.
+        survey: where in the frame anything moves.
+        times: of the frames read [s].
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.canvas = StillCanvas(size)
+        self.survey = Survey(size)
+        self.times: list[float] = []
+        self._due = -math.inf
+
+    def see(self, frame: SourceFrame) -> None:
+        """Read the next frame, and look at it if the last that was looked at is long enough ago."""
+        self.times.append(frame.time_s)
+        if frame.time_s >= self._due:
+            self.survey.add(self.canvas.shrunk(frame.picture))
+            self._due = frame.time_s + _EVERY_S
+
+
 def find_moving_foreground(
-    again: ReadAgain, scene: Scene, view: View, ground_y: float | None
-) -> tuple[MovingForeground | None, Finding]:
+    again: ReadAgain, scene: Scene, view: View, ground_y: float | None,
+    seen: StillSurvey | None = None,
+) -> tuple[MovingForeground | None, Finding]:  # fmt: skip
     """Look for what moves around an object.
 
     Args:
@@ -92,12 +123,13 @@ def find_moving_foreground(
         scene: the object.
         view: how the frames see it.
         ground_y: height of the ground, None for the object's lowest point [scene unit].
+        seen: the shot as it was looked at before for a still camera; default: it is read for that.
 
     Returns:
         What moves there, None where nothing does or it cannot be told; and why.
     """
     sight = _Sight(scene, view, ground_y)
-    survey, canvas, times = _survey(again, sight)
+    survey, canvas, times = _survey(again, sight, seen)
     place = _object_place(sight, canvas, times)
     if _parallax(sight, times) > _MOST_PARALLAX:
         return None, Finding("the camera travels, and what it sees shifts; give --holdout PATH")
@@ -132,22 +164,19 @@ def _sure(reason: str, certainty: float) -> Finding:
     return Finding(reason, wanted=True, certainty=certainty, threshold=CERTAIN)
 
 
-def _survey(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, list[float]]:
+def _survey(
+    again: ReadAgain, sight: _Sight, seen: StillSurvey | None
+) -> tuple[Survey, Canvas, list[float]]:
     """A first look at the shot, where its frames lie, and the moments at which it was read [s]."""
-    canvas = StillCanvas((sight.view.width, sight.view.height))
-    survey, times, due = Survey(canvas.size), list[float](), -math.inf
-    first = None
-    for frame in again(sparse=True):
-        times.append(frame.time_s)
-        if frame.time_s < due:
-            continue
-        camera = sight.camera(frame.time_s)
-        first = first or camera
-        if not _same(camera, first):
-            return _survey_moving(again, sight)
-        survey.add(canvas.small(frame.picture, camera))
-        due = frame.time_s + _EVERY_S
-    return survey, canvas, times
+    if seen is None:
+        seen = StillSurvey((sight.view.width, sight.view.height))
+        for frame in again(sparse=True):
+            seen.see(frame)
+            if not sight.stays((seen.times[0], frame.time_s)):
+                break
+    if not sight.stays(seen.times):
+        return _survey_moving(again, sight)
+    return seen.survey, seen.canvas, seen.times
 
 
 def _survey_moving(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, list[float]]:

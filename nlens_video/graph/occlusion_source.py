@@ -8,13 +8,13 @@ from nlens_video.effects.finding import Finding
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_file import read_foreground
-from nlens_video.graph.moving_foreground import find_moving_foreground
+from nlens_video.graph.moving_foreground import StillSurvey, find_moving_foreground
 from nlens_video.scene.scene import Scene
 
 
 def open_occlusion_source(
     objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
-    again: ReadAgain | None, *, asked_for: bool,
+    again: ReadAgain | None, seen: StillSurvey | None, *, asked_for: bool,
 ) -> tuple[OcclusionSource | None, Finding | None]:  # fmt: skip
     """The matte or depth file, what moves in the shot, or the plate's CoC.
 
@@ -24,6 +24,7 @@ def open_occlusion_source(
         view: how the plate's frames see it.
         estimate: F.
         again: reads the shot, None where it can be read only once or occlusion is not wanted.
+        seen: as of `find_moving_foreground`.
         asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
 
     Returns:
@@ -49,7 +50,7 @@ def open_occlusion_source(
         if real.found is not None:
             moving, finding = read_foreground(real.found)
         else:
-            moving, finding = find_moving_foreground(again, scene, view, objects.ground_y)
+            moving, finding = find_moving_foreground(again, scene, view, objects.ground_y, seen)
         if moving is not None and finding.wanted:
             return OcclusionSource(
                 "what moves before the shot's background",

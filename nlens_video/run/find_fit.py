@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,11 +32,7 @@ class FitOutcome:
     missing: tuple[str, ...] = ()
 
 
-def find_fit(
-    settings: Settings,
-    search_frames: float = FIT_SEARCH_FRAMES,
-    on_counted: Callable[[int], None] = lambda frames: None,
-) -> FitOutcome:
+def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> FitOutcome:
     """Fit the lens on the first frame with the object in view, and save the fit.
 
     Where the lens changes over a file and `track_focus` is on, the whole track is saved.
@@ -45,7 +40,6 @@ def find_fit(
     Args:
         settings: the run; `save_fit` names the file.
         search_frames: frames to search at most, infinity for all [1].
-        on_counted: as of `lens_track_pass`.
 
     Raises:
         NlensError: as `render`; OutOfViewError when the object does not come into view.
@@ -60,7 +54,7 @@ def find_fit(
         charted = chart_fit(settings, settings.chart_m)
         save_fit(charted, settings.save_fit)
         return FitOutcome(fit=charted, path=settings.save_fit, notes=())
-    track = lens_track_pass(settings, on_counted)
+    track = lens_track_pass(settings)
     if track is not None:
         with replacing(settings.save_fit) as partial:
             partial.write_text(track.to_json())

@@ -1,14 +1,14 @@
 """Focus and zoom tracking: a first pass over a file detects lens changes and fits each of them.
 
-The change detector (`stages.r_lens_change`) measures every third frame; the CoC network runs
-only on the frames where it reports a change. A file whose lens does not change costs the detection
-pass alone, and its lens is fitted in the run itself.
+A lens that rests, as a first look at the file tells (`run.first_look`), is fitted in the run
+itself. Else the change detector (`stages.r_lens_change`) measures every third frame, and the CoC
+network runs only on the frames where it reports a change.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, takewhile
 
@@ -17,14 +17,16 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
-from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.run.first_look import FirstLook, first_look, follows_lens
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.open_run import open_run, opened
 from nlens_video.run.shot_slope import ShotSlope
 from nlens_video.stages.r_lens_change import (
     CHANGED,
+    SPACING_S,
     Signature,
+    calls_for_fit,
     changed,
     differs,
     is_cut,
@@ -33,13 +35,9 @@ from nlens_video.stages.r_lens_change import (
 )
 from nlens_video.stages.r_lens_track import FitTrack, Keyframe, hold_segments, share_slope
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.input.open import can_be_read_again
 
 _EVERY = 3  # frames between two signatures
-_SPACING_S = 0.12  # least time between two fits of one shot [s]
 _SMOOTHING_S = 0.1  # standard deviation of the smoothing of fits over time [s]
-_SETTLED_S = 0.5  # time since the last fit after which a smaller change counts as well [s]
-_SETTLED_CHANGE = 0.4 * CHANGED
 _BEGUN = 0.3 * CHANGED  # less than this is noise, and the lens rests
 _QUICK = 2.0 * CHANGED  # from one look to the next: the focus is racked
 _MOST_BETWEEN = 8  # frames kept from where a change begins to where it is told
@@ -65,15 +63,13 @@ class FitRequest:
     quick: bool = False
 
 
-def lens_track_pass(
-    settings: Settings, on_counted: Callable[[int], None] = lambda frames: None
-) -> FitTrack | None:
+def lens_track_pass(settings: Settings, look: FirstLook | None = None) -> FitTrack | None:
     """Fit the lens over the length of a file.
 
     Args:
         settings: of the run; `track_focus` sets the interval. Streams, which can be read only
             once, and stills are not tracked.
-        on_counted: called with the number of frames up to the end of the range, if they were read.
+        look: the first look at the file; default: it is taken.
 
     Returns:
         The track; None where the lens does not change or tracking is off.
@@ -81,14 +77,10 @@ def lens_track_pass(
     Raises:
         NlensError: as `run.render`.
     """
-    if (
-        settings.track_focus == "off"
-        or settings.fit is not None
-        or not EffectRequest.parse(settings.effects).possible
-        or settings.source.one_frame  # the run fits the lens on that frame
-    ):
+    if not follows_lens(settings):
         return None
-    if not can_be_read_again(settings.source.spec):
+    look = look or first_look(settings)
+    if look is not None and look.lens_rests:
         return None
     with opened(settings.source) as source:
         if source.info.kind not in ("video", "sequence"):
@@ -96,22 +88,18 @@ def lens_track_pass(
         seconds = frame_s(source.info) or 1 / 25
         every = settings.track_focus if isinstance(settings.track_focus, int) else None
         end = settings.source.frames[1]
-        count = 0
-
         scan = _Scan(seconds, every)
         for frame in takewhile(lambda frame: end is None or frame.index < end, source):
             signals.check()
-            count = frame.index + 1
             scan.see(frame.index, frame.picture)
         scan.end_shot()
     requests = scan.requests
-    on_counted(count)
     if len(requests) < 2:
         return None
     keyframes = _told_changes(tuple(_keyframes(settings, requests)), requests)
     if len(keyframes) < 2:
         return None
-    spacing = max(1, round(_SPACING_S / seconds))
+    spacing = max(1, round(SPACING_S / seconds))
     cuts = [after.index for before, after in pairwise(requests) if after.shot != before.shot]
     held = {request.index: request.until for request in requests}
     return FitTrack(
@@ -161,7 +149,7 @@ class _Scan:
             self._skipped = [item for item in self._skipped if item[0] < first]
             self.end_shot()
             self.requests.append(replace(now, index=first, shot=last.shot + 1))
-        elif _needs_fit(last.seen, now.seen, index - last.index, self._frame_s, self._every):
+        elif self._fitted_again(last, now):
             self._add(now)
         elif changed(last.seen, now.seen) < _BEGUN:
             self._rests(index)
@@ -170,6 +158,12 @@ class _Scan:
             del self._between[:-_MOST_BETWEEN]
         self._before = now
         self._skipped.clear()
+
+    def _fitted_again(self, last: FitRequest, now: FitRequest) -> bool:
+        since = now.index - last.index
+        if self._every is not None:
+            return since >= self._every
+        return calls_for_fit(last.seen, now.seen, since, self._frame_s)
 
     def end_shot(self) -> None:
         """Add the last frame of a shot in which the lens changes, unless it has come to rest."""
@@ -196,7 +190,7 @@ class _Scan:
 
 def _spaced(requests: list[FitRequest], last: int, frame_s: float) -> Iterator[FitRequest]:
     """Those requests that are far enough from the one before them, quick ones, and the last."""
-    spacing = max(1, round(_SPACING_S / frame_s))
+    spacing = max(1, round(SPACING_S / frame_s))
     for request in requests:
         if request.quick or request.index - last >= spacing or request is requests[-1]:
             last = request.index
@@ -215,17 +209,6 @@ def _first_after_cut(
         ):
             return at
     return index
-
-
-def _needs_fit(
-    reference: Signature, now: Signature, since: int, frame_s: float, every: int | None
-) -> bool:
-    if every is not None:
-        return since >= every
-    change = changed(reference, now)
-    if since >= max(2, round(_SETTLED_S / frame_s)):
-        return change > _SETTLED_CHANGE
-    return since >= max(1, round(_SPACING_S / frame_s)) and change > CHANGED
 
 
 def _keyframes(settings: Settings, requests: list[FitRequest]) -> Iterator[Keyframe]:

@@ -19,6 +19,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
+from nlens_video.graph.moving_foreground import StillSurvey
 from nlens_video.graph.scheduler import reader_blocked, run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
@@ -41,6 +42,21 @@ if TYPE_CHECKING:
 
 
 _SHORT = 3000  # most frames of a file that is read as a whole for a part of it
+
+
+@dataclass(frozen=True, slots=True)
+class ShotPasses:
+    """What passes over a file have told before a run.
+
+    Attributes:
+        track: the lens over the length of the file, where it changes.
+        others: samples of other frames for the lens fit.
+        survey: of what moves in the shot, None where nobody looked.
+    """
+
+    track: FitTrack | None = None
+    others: tuple[FitSamples, ...] = ()
+    survey: StillSurvey | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,15 +119,14 @@ def open_run(
         NlensError: as `run.render`.
     """
     with opened(settings.source) as source:
-        yield take_in(source, settings, profiler, others=others)
+        yield take_in(source, settings, profiler, ShotPasses(others=others))
 
 
 def take_in(
     source: Source,
     settings: Settings,
     profiler: Profiler,
-    track: FitTrack | None = None,
-    others: tuple[FitSamples, ...] = (),
+    passes: ShotPasses = ShotPasses(),
     *,
     chunks: ChunkFeed | None = None,
 ) -> RunInput:
@@ -121,8 +136,7 @@ def take_in(
         source: the plate; no frame of it has been read yet.
         settings: the run.
         profiler: times the run.
-        track: the lens over the length of the file, where it changes.
-        others: samples of other frames for the lens fit.
+        passes: what is known of the shot beforehand.
         chunks: frames to render in place of the settings' range.
 
     Raises:
@@ -136,7 +150,7 @@ def take_in(
     frames = (
         FrameRange(source, settings.source.frames) if chunks is None else ChunkRange(source, chunks)
     )
-    session = _assembled(settings, source.info, profiler, frames, track, others)
+    session = _assembled(settings, source.info, profiler, frames, passes)
     frames.on_skipped = session.executor.observe_skipped
     if isinstance(source, SeekableSource) and not session.graph.stateful:
         frames.skip_to = source.skip_to
@@ -187,14 +201,16 @@ def _assembled(
     info: SourceInfo,
     profiler: Profiler,
     frames: SourceSlice,
-    track: FitTrack | None,
-    others: tuple[FitSamples, ...],
+    passes: ShotPasses,
 ) -> Session:
-    lens = lens_request(settings, info, track, others)
+    lens = lens_request(settings, info, passes.track, passes.others)
     most = MOST_PICTURES if _may_wait(info) else 1
     again = None if settings.output is None else read_again(settings.source, info)
     plate = PlatePreview(
-        lambda: run_in_thread(lambda: frames.peek(most)), settings.source.frames[0], again
+        lambda: run_in_thread(lambda: frames.peek(most)),
+        settings.source.frames[0],
+        again,
+        passes.survey,
     )
     return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
 

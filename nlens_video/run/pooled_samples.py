@@ -18,9 +18,9 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.run.first_look import first_look
 from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.run.open_run import open_run
-from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.run.open_run import ShotPasses, open_run
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
@@ -30,14 +30,16 @@ _WITHIN_S = 4.0
 _SAME_FOCAL = 0.01  # relative change beyond which a lens that zooms is another one
 
 
-def lens_passes(settings: Settings) -> tuple[FitTrack | None, tuple[FitSamples, ...]]:
-    """What is found of the lens before a run: its track where it changes, else other samples.
+def passes(settings: Settings) -> ShotPasses:
+    """What is found of a shot before a run: the lens' track where it changes, else other samples.
 
     Raises:
         NlensError: as `run.render`.
     """
-    track = lens_track_pass(settings)
-    return track, samples_of_other_frames(settings) if track is None else ()
+    look = first_look(settings)
+    track = lens_track_pass(settings, look)
+    others = samples_of_other_frames(settings) if track is None else ()
+    return ShotPasses(track, others, None if look is None else look.survey)
 
 
 def samples_of_other_frames(settings: Settings) -> tuple[FitSamples, ...]:

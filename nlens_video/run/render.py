@@ -21,7 +21,7 @@ from nlens_video.run.drift_check import DriftCheck
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
 from nlens_video.run.open_run import open_run, opened, take_in
-from nlens_video.run.pooled_samples import lens_passes
+from nlens_video.run.pooled_samples import passes
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -118,7 +118,7 @@ def render(
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        run_input = take_in(source, settings, profiler, *lens_passes(settings), chunks=chunks)
+        run_input = take_in(source, settings, profiler, passes(settings), chunks=chunks)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
         step = frame_s(source.info)

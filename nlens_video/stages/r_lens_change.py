@@ -25,6 +25,12 @@ CHANGED = 0.1
 """Change of the log-ratio of two octaves that calls for another fit: a focus that moves by 7 %
 gives as much, or an aperture that opens by a fifth; noise and a panning camera seldom do."""
 
+_SETTLED_CHANGE = 0.4 * CHANGED  # calls for another fit as well, long after the last one
+_SETTLED_S = 0.5
+
+SPACING_S = 0.12
+"""Least time between two fits of one shot of a file [s]."""
+
 AT_REST = 0.5 * CHANGED
 """A smaller change than this means that the lens has come to rest."""
 
@@ -39,7 +45,7 @@ _PATCH_SHARE = 1 / 16  # of the frame's width
 _SMALLEST_PX, _LARGEST_PX = 24, 64
 _BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
 EVERY = 3  # frames from one change detection of a live stream to the next
-_SPACING_S = 0.1  # least time between two fits of a live stream
+_LIVE_SPACING_S = 0.1  # least time between two fits of a live stream
 _GOES_ON_S = 0.2  # for how long a change goes on without a new fit
 _SMOOTHING_S = 0.14  # time constant of its smoothing
 _AHEAD_S = 0.1  # by which it aims ahead while the lens moves, most of what the smoothing lags
@@ -126,6 +132,21 @@ def changed(reference: Signature, now: Signature) -> float:
     return rows[-2] if len(rows) >= 2 else 0.0
 
 
+def calls_for_fit(reference: Signature, now: Signature, since: int, frame_s: float) -> bool:
+    """Whether a file's lens is fitted again.
+
+    Args:
+        reference: of the frame of the last fit.
+        now: of a later frame of the shot.
+        since: frames between them [1].
+        frame_s: from one frame to the next, > 0 [s].
+    """
+    change = changed(reference, now)
+    if since >= max(2, round(_SETTLED_S / frame_s)):
+        return change > _SETTLED_CHANGE
+    return since >= max(1, round(SPACING_S / frame_s)) and change > CHANGED
+
+
 def is_cut(before: Signature, now: Signature) -> bool:
     """Whether another shot begins between two neighbouring frames."""
     return float(np.abs(now.light - before.light).mean()) > CUT
@@ -175,7 +196,7 @@ class LiveLens:
 
     def __init__(self, frame_s: float) -> None:
         self._share = 1.0 - math.exp(-frame_s / _SMOOTHING_S)
-        self.spacing = max(EVERY, round(_SPACING_S / frame_s))
+        self.spacing = max(EVERY, round(_LIVE_SPACING_S / frame_s))
         self._goes_on = max(EVERY, round(_GOES_ON_S / frame_s))
         self._ahead = _AHEAD_S / frame_s
         self._reference: Signature | None = None

@@ -41,11 +41,14 @@ def with_object(picture, number, *, sigma=1.5, detail=1.0):
     return blurred[..., :3] + (1 - blurred[..., 3:]) * picture
 
 
-def encode(path, pictures, *, times=None, crf=18, codec="libx264", audio_shift_s=0.0, audio=True):
+def encode(
+    path, pictures, *, size=(WIDTH, HEIGHT), times=None, crf=18, codec="libx264",
+    audio_shift_s=0.0, audio=True,
+):  # fmt: skip
     """Write pictures in [0, 1] as 4:2:0 video with a tone beside it."""
     with av.open(str(path), "w") as out:
         stream = out.add_stream(codec, rate=RATE)
-        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
         if codec == "libx264":
             stream.options = {"crf": str(crf), "preset": "veryfast"}
         stream.codec_context.time_base = Fraction(1, 1000)

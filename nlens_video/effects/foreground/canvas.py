@@ -93,13 +93,17 @@ class StillCanvas:
         """As of `Canvas`."""
         return small_size(*self.size)
 
+    def shrunk(self, picture: Picture) -> Float32:
+        """Roots of light of a frame at the small size (h, w, 3)."""
+        return root(picture.downsample(*self.small_size))
+
     def small(self, picture: Picture, camera: Camera) -> Float32:
         """As of `Canvas`."""
-        return root(picture.downsample(*self.small_size))
+        return self.shrunk(picture)
 
     def still(self, picture: Picture, camera: Camera) -> Float32:
         """As of `Canvas`."""
-        return self.small(picture, camera)
+        return self.shrunk(picture)
 
     def background(self, small: SmallBackground, camera: Camera) -> SmallBackground:
         """As of `Canvas`."""

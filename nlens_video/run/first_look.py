@@ -1,0 +1,115 @@
+"""A first look at a file, before its first frame is composited: one quick pass for all that asks.
+
+Whether the lens rests and whether anything moves can only be told from the whole shot. Frames that
+no other frame is predicted from are not decoded, and of the others a few each second are looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import takewhile
+
+from nlens_video.core import signals
+from nlens_video.core.layers import Picture
+from nlens_video.core.settings import Settings
+from nlens_video.effects.planner import EffectRequest
+from nlens_video.graph.moving_foreground import StillSurvey
+from nlens_video.run.lens_request import frame_s
+from nlens_video.run.open_run import opened
+from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.source import AvSource
+
+_EVERY_S = 0.2  # from one frame whose blur is measured to the next [s]
+
+
+@dataclass(frozen=True, slots=True)
+class FirstLook:
+    """What one quick pass over a file has told.
+
+    Attributes:
+        lens_rests: whether the lens stays as it is on the first frame.
+        survey: of what moves, as a still camera would see it; None where only a part was read.
+    """
+
+    lens_rests: bool
+    survey: StillSurvey | None
+
+
+def follows_lens(settings: Settings) -> bool:
+    """Whether a run looks for changes of the lens: not on streams, which can be read only once."""
+    return (
+        settings.track_focus != "off"
+        and settings.fit is None
+        and len(EffectRequest.parse(settings.effects).possible) > 0
+        and not settings.source.one_frame  # the run fits the lens on that frame
+        and can_be_read_again(settings.source.spec)
+    )
+
+
+def first_look(settings: Settings) -> FirstLook | None:
+    """Look at a file whose lens may change.
+
+    Returns:
+        What was seen; None where a run does not ask, or for another reason than the lens.
+
+    Raises:
+        NlensError: as `run.render`.
+    """
+    if not follows_lens(settings) or isinstance(settings.track_focus, int):
+        return None
+    with opened(settings.source) as source:
+        info = source.info
+        if info.kind not in ("video", "sequence"):
+            return None
+        end = settings.source.frames[1]
+        if end is None and isinstance(source, AvSource):
+            source.leave_out_unreferenced()
+        lens = _LensWatch(frame_s(info) or 1 / 25)
+        survey = StillSurvey((info.width, info.height)) if end is None else None
+        for frame in takewhile(lambda frame: end is None or frame.index < end, source):
+            signals.check()
+            lens.see(frame.time_s, frame.picture)
+            if survey is not None:
+                survey.see(frame)
+    return FirstLook(lens.rests(), survey)
+
+
+class _LensWatch:
+    """Tells whether the lens stays as it is on the first frame.
+
+    Args:
+        frame_s: from one frame to the next, > 0 [s].
+    """
+
+    def __init__(self, frame_s: float) -> None:
+        self._frame_s = frame_s
+        self._first: tuple[float, Signature] | None = None
+        self._before: Signature | None = None
+        self._due_s = 0.0
+        self._rests = True
+        self._last: tuple[float, Picture] | None = None  # the last frame, unless it was measured
+
+    def see(self, time_s: float, picture: Picture) -> None:
+        """Look at the next frame."""
+        self._last = (time_s, picture)
+        if self._rests and (self._first is None or time_s >= self._due_s):
+            self._measure(time_s, picture)
+
+    def rests(self) -> bool:
+        """Whether it rests on the frames seen, the last one included."""
+        if self._rests and self._last is not None:
+            self._measure(*self._last)
+        return self._rests
+
+    def _measure(self, time_s: float, picture: Picture) -> None:
+        seen = signature(picture)
+        if self._first is None or self._before is None:
+            self._first = time_s, seen
+        else:
+            first_s, first = self._first
+            frames = round((time_s - first_s) / self._frame_s)
+            self._rests = not (
+                is_cut(self._before, seen) or calls_for_fit(first, seen, frames, self._frame_s)
+            )
+        self._before, self._due_s, self._last = seen, time_s + _EVERY_S, None
