@@ -5,7 +5,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from support import shots
 
@@ -27,6 +27,7 @@ def seen(focus, log_size):
 def test_size_that_goes_with_the_focus_is_breathing(growth, sign, frames, far, pulled, seed):
     rng = np.random.default_rng(seed)
     focus = far + pulled * np.sin(np.linspace(0.0, rng.uniform(1.6, 6.0), frames)) ** 2
+    assume(np.ptp(focus) > 0.16 * focus.max())  # few frames may miss the ends of the pull
     part = (focus - focus[0]) / np.ptp(focus)
     found = seen(focus, sign * growth * part + 0.02 * growth * rng.standard_normal(frames))
     assert found.growth == pytest.approx(sign * growth, rel=0.15)
