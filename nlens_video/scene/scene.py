@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,14 @@ from nlens_video.scene.gltf.document import Document, read_document
 from nlens_video.scene.gltf.materials import read_materials
 from nlens_video.scene.gltf.meshes import read_meshes
 from nlens_video.scene.gltf.nodes import Hierarchy, read_hierarchy, read_skins
-from nlens_video.scene.illumination import read_lights
+from nlens_video.scene.illumination import PosedLight, read_lights
 from nlens_video.scene.object_motion import ObjectMotion
-from nlens_video.scene.posed import PosedScene
-from nlens_video.scene.scene_part import MAX_VERTICES, Moved, ScenePart, read_instances
+from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.scene_part import MAX_VERTICES, Moment, Moved, ScenePart, read_instances
 
 _MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
+_Moments = tuple[Moment, ...]
+_Posed = tuple[tuple[PosedMesh, ...], tuple[PosedLight, ...]]
 
 
 @dataclass(slots=True)
@@ -41,14 +44,16 @@ class Scene:
     _camera_motion: Animation
     _cameras: tuple[Perspective, ...]
     _warnings: list[str] = field(default_factory=list)
-    _moved: Callable[[float], tuple[Moved, ...]] = field(init=False)
-    _posed: Callable[[float], PosedScene] = field(init=False)
+    _moved: Callable[[_Moments], tuple[Moved, ...]] = field(init=False)
+    _hull: Callable[[_Moments], Float64] = field(init=False)
+    _posed: Callable[[_Moments], _Posed] = field(init=False)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
 
     def __post_init__(self) -> None:
         self._moved = lru_cache(_MOMENTS)(self._move)
+        self._hull = lru_cache(_MOMENTS)(self._find_hull)
         self._posed = lru_cache(_MOMENTS)(self._pose)
 
     @classmethod
@@ -160,7 +165,7 @@ class Scene:
             SceneError: no such node carries a mesh.
         """
         parts: list[Float64] = []
-        for part, moved in zip(self.parts, self._moved(time_s), strict=True):
+        for part, moved in zip(self.parts, self._moved(self._moments(time_s)), strict=True):
             carried = None if node is None else part.carried_by(node)
             for instance, mesh in zip(part.instances, part.meshes(moved), strict=True):
                 if carried is None or instance.node in carried:
@@ -176,29 +181,35 @@ class Scene:
 
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
-        moved = zip(self.parts, self._moved(time_s), strict=True)
-        return np.concatenate([part.hull(one) for part, one in moved])
+        return self._hull(self._moments(time_s))
 
     @property
     def morphs(self) -> bool:
         """Whether morph weights are animated."""
         return any(part.animation.morphs for part in self.parts)
 
-    def _move(self, time_s: float) -> tuple[Moved, ...]:
-        return tuple(part.moved(time_s) for part in self.parts)
+    def _moments(self, time_s: float) -> _Moments:
+        return tuple(part.moment(time_s) for part in self.parts)
+
+    def _move(self, moments: _Moments) -> tuple[Moved, ...]:
+        return tuple(part.moved(one) for part, one in zip(self.parts, moments, strict=True))
+
+    def _find_hull(self, moments: _Moments) -> Float64:
+        moved = zip(self.parts, self._moved(moments), strict=True)
+        return np.concatenate([part.hull(one) for part, one in moved])
 
     def pose(self, time_s: float) -> PosedScene:
         """Triangles and lights at a moment of the plate [s].
 
         Before the first key of an animation they rest, and after its last unless it loops.
         """
-        return self._posed(time_s)
+        return PosedScene(time_s, *self._posed(self._moments(time_s)))
 
-    def _pose(self, time_s: float) -> PosedScene:
-        pairs = list(zip(self.parts, self._moved(time_s), strict=True))
-        meshes = tuple(mesh for part, moved in pairs for mesh in part.meshes(moved))
-        lights = [light for part, moved in pairs for light in part.posed_lights(time_s, moved)]
-        return PosedScene(time_s, meshes, tuple(lights))
+    def _pose(self, moments: _Moments) -> _Posed:
+        standing = list(zip(self.parts, moments, self._moved(moments), strict=True))
+        meshes = tuple(mesh for part, _, moved in standing for mesh in part.meshes(moved))
+        lights = (part.posed_lights(moment, moved) for part, moment, moved in standing)
+        return meshes, tuple(chain.from_iterable(lights))
 
     def camera(
         self,

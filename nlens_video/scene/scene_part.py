@@ -21,6 +21,8 @@ from nlens_video.scene.posed import Hull, Instance, PosedMesh
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
+Moment = tuple[float, float]
+"""Moments of a part's animation and of its motion as a whole [s]; equal ones show the same."""
 Moved = tuple[Float64, dict[int, Float64]]
 """World matrices of all nodes (N, 4, 4); animated morph weights by node."""
 
@@ -60,27 +62,34 @@ class ScenePart:
         """Vertices of all instances."""
         return sum(len(instance.geometry.positions) for instance in self.instances)
 
-    def moved(self, time_s: float) -> Moved:
-        """Its nodes in the world at a moment of the plate [s]."""
-        moment = self.playback.moment(time_s, self.animation.duration_s)
-        world = self.hierarchy.world(self.animation.apply(self.hierarchy.rest, moment))
+    def moment(self, time_s: float) -> Moment:
+        """What tells how it stands at a moment of the plate [s]; the same wherever it rests."""
+        duration_s = self.animation.duration_s
+        played = self.playback.moment(time_s, duration_s)
+        moves = self.motion is not None and self.motion.moves
+        return min(max(played, 0.0), duration_s), time_s if moves else 0.0
+
+    def moved(self, moment: Moment) -> Moved:
+        """Its nodes in the world."""
+        played, time_s = moment
+        world = self.hierarchy.world(self.animation.apply(self.hierarchy.rest, played))
         if self.motion is not None:
             world = self.motion.at(time_s) @ world
-        return world, self.animation.weights(moment)
+        return world, self.animation.weights(played)
 
     def meshes(self, moved: Moved) -> tuple[PosedMesh, ...]:
         """Its primitives as `moved` has them."""
         world, weights = moved
         return tuple(one.place(world, weights.get(one.node)) for one in self.instances)
 
-    def posed_lights(self, time_s: float, moved: Moved) -> tuple[PosedLight, ...]:
-        """Its lights as `moved` has them at that time [s].
+    def posed_lights(self, moment: Moment, moved: Moved) -> tuple[PosedLight, ...]:
+        """Its lights as `moved` has them at that moment.
 
         A lamp whose file is scaled keeps its light on what stands around it there: intensity goes
         with the square of the distance.
         """
         world, _ = moved
-        scale = 1.0 if self.motion is None else float(self.motion.scale.at(time_s)[0])
+        scale = 1.0 if self.motion is None else float(self.motion.scale.at(moment[1])[0])
         return tuple(
             pose_light(light if scale == 1.0 else _scaled(light, scale), world[node])
             for node, light in self.lights

@@ -186,8 +186,14 @@ def _check(samples: Samples, box: Box, rgba: Float32 | None = None) -> None:
         raise ValueError(f"{box} does not lie inside the frame of {width}x{height}")
     if rgba is not None and rgba.shape != (box.height, box.width, 4):
         raise ValueError(f"{rgba.shape = } does not fit {box}")
-    if rgba is not None and not np.isfinite(rgba).all():
+    if rgba is not None and not _finite(rgba):
         raise ValueError("the layer holds values that are not finite")
+
+
+def _finite(values: Float32) -> bool:
+    """Whether all values are finite; their sum tells it sooner, unless it overflows."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
 
 
 def copied(frame: av.VideoFrame) -> av.VideoFrame:
