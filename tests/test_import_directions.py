@@ -24,7 +24,7 @@ options
 effects  effects/foreground  effects/shadow  effects/camera
 graph/base  graph/nodes  graph
 report
-run
+run/checks  run
 compositor
 adapters
 vapoursynth

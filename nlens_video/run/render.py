@@ -17,13 +17,13 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
-from nlens_video.run.drift_check import DriftCheck
+from nlens_video.run.checks.drift import DriftCheck
+from nlens_video.run.checks.zoom import ZoomCheck
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
 from nlens_video.run.open_run import open_run, opened, take_in
 from nlens_video.run.pooled_samples import passes
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
-from nlens_video.run.zoom_check import ZoomCheck
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo, part_of
 from nlens_video.video.input.reconnect import Reconnecting

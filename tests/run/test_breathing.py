@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from support import shots
 
 from nlens_video.cli.main import main
-from nlens_video.run.breathing import Breathing
+from nlens_video.run.checks.breathing import Breathing
 
 
 def seen(focus, log_size):

@@ -8,7 +8,7 @@ from support import shots
 from support.glb_builder import GlbBuilder
 
 from nlens_video.cli.main import main
-from nlens_video.run.zoom_check import ZoomTracker
+from nlens_video.run.checks.zoom import ZoomTracker
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAMES = 30

@@ -14,7 +14,7 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
-from nlens_video.run.breathing import Breathing
+from nlens_video.run.checks.breathing import Breathing
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.tracks import luma_of
 

@@ -1,0 +1,1 @@
+"""Checks of a run beside its frames: what they tell is said at its end."""
