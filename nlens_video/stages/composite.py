@@ -135,19 +135,69 @@ def edge_parallax(
         camera: of the frame.
         ground_y: height of the ground plane in the world [scene unit].
     """
-    box = blurred.box
+    return past_edges(
+        blurred, picture, edge_surroundings(blurred.box, defocused, fit, camera, ground_y)
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EdgeSurroundings:
+    """Where the plate shows past an object's edges, whatever its picture.
+
+    Attributes:
+        object_coc: CoC of the object's nearest pixel (h, w) [px].
+        plate_coc: CoC of the plate behind it (h, w) [px].
+        share: how much of the plate is ground of that CoC (h, w), 0 to 1 [1].
+        margin: how far outside the plate is seen [px].
+        pixel_aspect: width of a pixel by its height [1].
+    """
+
+    object_coc: Float32
+    plate_coc: Float32
+    share: Float32
+    margin: int
+    pixel_aspect: float
+
+
+def edge_surroundings(
+    box: Box, defocused: DefocusedLayer, fit: LensFit, camera: Camera, ground_y: float
+) -> EdgeSurroundings | None:
+    """What `past_edges` needs beside the plate, on the box of the blurred layer.
+
+    Args:
+        box: of the object as the lens sees it, inside the frame.
+        defocused: the sharp object and its CoC.
+        fit: the lens, and how much of the ground the plate shows.
+        camera: of the frame.
+        ground_y: height of the ground plane in the world [scene unit].
+
+    Returns:
+        None where the plate shows as it is.
+    """
     if box.empty or defocused.layer.box.empty or not fit.ground_seen:
-        return blurred
+        return None
     disparity = np.maximum(camera.cropped(box).plane_disparity(ground_y), 0.0).astype(np.float32)
     share = fit.ground_share(disparity)
     if not share.any():
-        return blurred
+        return None
     object_coc = _nearest_coc(defocused, box)
     plate_coc = np.minimum(fit.coc_px(disparity), object_coc)  # it is behind the object
     aspect = camera.fy / camera.fx
     farthest = 0.5 * float(np.abs(plate_coc[share > 0.0]).max()) * max(1.0, aspect)
     margin = math.ceil(min(farthest, LARGEST_PARALLAX_PX)) + 1
-    wide = box.expanded(margin)
+    return EdgeSurroundings(
+        object_coc=object_coc, plate_coc=plate_coc, share=share, margin=margin, pixel_aspect=aspect
+    )
+
+
+def past_edges(
+    blurred: BlurredLayer, picture: Picture, around: EdgeSurroundings | None
+) -> BlurredLayer:
+    """As `edge_parallax`, with what `edge_surroundings` has found."""
+    if around is None:
+        return blurred
+    box = blurred.box
+    wide = box.expanded(around.margin)
     inside = wide.intersection(Box(0, 0, picture.width, picture.height))
     beyond = (
         (inside.y0 - wide.y0, wide.y1 - inside.y1),
@@ -156,8 +206,9 @@ def edge_parallax(
     )
     plate = np.pad(picture.linear(inside), beyond, mode="edge")
     rgba = edge_parallax_layer(
-        blurred.rgba, plate, object_coc, plate_coc, share, margin=margin, pixel_aspect=aspect
-    )
+        blurred.rgba, plate, around.object_coc, around.plate_coc, around.share,
+        margin=around.margin, pixel_aspect=around.pixel_aspect,
+    )  # fmt: skip
     return BlurredLayer(box=box, rgba=rgba)
 
 

@@ -69,7 +69,7 @@ class AddGrain:
                 field = white_noise((box.y0, box.x0), size, index - back, _SEED + part)
                 white += np.float32(share) * field
             parts.append(cv2.filter2D(white, -1, kernel)[LAGS:-LAGS, LAGS:-LAGS])
-        return np.stack(parts, axis=2) @ self.model.mixing.T
+        return np.asarray(cv2.transform(cv2.merge(parts), self.model.mixing), np.float32)
 
     def _curve(self) -> Float32:
         """Deviation at 256 levels (256, 3) [sRGB code]."""

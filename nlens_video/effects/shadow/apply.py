@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -135,6 +136,29 @@ def ground_blur(
     return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BlurredShadow:
+    """A shadow as the lens shows it.
+
+    Attributes:
+        box: where the array lies; inside the frame.
+        loss: share of the light that is lost in each channel, and its mean (h, w, 4) [1].
+    """
+
+    box: Box
+    loss: Float32
+
+    @cached_property
+    def layer(self) -> Float32 | None:
+        """What darkens the plate as a layer of its light (h, w, 4); None where nothing is lost."""
+        return _darkening(self.loss) if not self.box.empty and self.loss.any() else None
+
+
+def _darkening(loss: Float32) -> Float32:
+    """Over has one alpha for all channels: the loss less its mean is added as colour."""
+    return np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
+
+
 @dataclass(frozen=True, slots=True)
 class ApplyShadow:
     """Composites a shadow over the plate, blurred as the lens blurs the ground.
@@ -162,20 +186,23 @@ class ApplyShadow:
         return self.darken(picture, self.blurred(shadow, frame), matte)
 
     def darken(
-        self, picture: Picture, blurred: BlurredLayer, matte: ForegroundMatte | None
+        self, picture: Picture, blurred: BlurredShadow, matte: ForegroundMatte | None
     ) -> Picture:
         """As `__call__`, with a shadow from `blurred`."""
-        box, loss = blurred.box, blurred.rgba
-        if not box.empty and loss.any():
+        box, layer = blurred.box, blurred.layer
+        if layer is not None:
             if matte is not None:
-                loss = _behind(loss, picture.linear(box), box, matte)
-            # Over has one alpha for all channels: the loss less its mean is added as colour.
-            layer: Float32 = np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
+                layer = _darkening(_behind(blurred.loss, picture.linear(box), box, matte))
             picture.composite_over(box, layer, of_plate=True)
         return picture
 
-    def blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
-        """Loss in each channel and its mean, as the lens shows them, on a box inside the frame."""
+    def blurred(self, shadow: Shadow, frame: Box) -> BlurredShadow:
+        """The shadow as the lens shows it."""
+        found = self._blurred(shadow, frame)
+        return BlurredShadow(box=found.box, loss=found.rgba)
+
+    def _blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
+        """Loss in each channel and its mean, on a box inside the frame."""
         step = shadow.step
         if step == 1:
             return self._on_grid(shadow, frame)

@@ -24,10 +24,10 @@ from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.l_reblur import object_coc
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import BlurredLayer, Box, DepthMap, Float64, ObjectLayer, Picture
+    from nlens_video.core.layers import Box, DepthMap, Float64, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
-    from nlens_video.effects.shadow.apply import Shadow
+    from nlens_video.effects.shadow.apply import BlurredShadow, Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
@@ -156,7 +156,7 @@ class CompositeShadow(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._apply = ApplyShadow(make_reblur(context, "draft"), round_lens=context.aperture.round)
-        self._last: tuple[Shadow, BlurredLayer] | None = None  # reused while the object rests
+        self._last: tuple[Shadow, BlurredShadow] | None = None  # reused while the object rests
         self.description = "plate times remaining light, blurred by the ground's CoC"
 
     def __call__(

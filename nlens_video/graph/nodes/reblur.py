@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -10,7 +11,7 @@ from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import DEPTH_RANGE, DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
-from nlens_video.stages.composite import edge_parallax
+from nlens_video.stages.composite import EdgeSurroundings, edge_surroundings, past_edges
 from nlens_video.stages.l_lens_sampling import BlurCell, LensSetup, SampleLens, view_count
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, depth_peel, object_coc
 from nlens_video.stages.l_view_blend import VIEWS, SampleSmallDiscs
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.render.base.box_renderer import BoxRenderer
+    from nlens_video.scene.camera import Camera
     from nlens_video.stages.l_lens_sampling import Reblur
     from nlens_video.stages.l_view_blend import ViewBlend
 
@@ -250,11 +252,21 @@ class EdgeParallax(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._context = context
+        self._last: tuple[_EdgeInputs, EdgeSurroundings | None] | None = None
         self.description = "plate displaced as the unoccluded part of the aperture sees it"
 
     def __call__(
         self, blurred: BlurredLayer, picture: Picture, defocused: DefocusedLayer, fit: LensFit,
         bounds: ScreenBounds,
     ) -> BlurredLayer:  # fmt: skip
-        height = self._context.ground_height
-        return edge_parallax(blurred, picture, defocused, fit, bounds.camera, height)
+        given = blurred.box, defocused, fit, bounds.camera
+        if self._last is None or not _same(self._last[0], given):  # it moves
+            self._last = given, edge_surroundings(*given, self._context.ground_height)
+        return past_edges(blurred, picture, self._last[1])
+
+
+_EdgeInputs = tuple["Box", "DefocusedLayer", "LensFit", "Camera"]
+
+
+def _same(before: _EdgeInputs, now: _EdgeInputs) -> bool:
+    return before[0] == now[0] and all(map(operator.is_, before[1:], now[1:]))
