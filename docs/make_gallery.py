@@ -5,12 +5,15 @@ python docs/make_gallery.py [NAME ...]
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import av
 import gallery_objects as objects
@@ -43,6 +46,7 @@ from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.session import open_session
 from nlens_video.report.ground_grid import grid_in_view, over_plate
 from nlens_video.run.render import render
+from nlens_video.scene import scene_light
 from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -182,6 +186,22 @@ def shadow(folder: Path) -> list[Panel]:
     shown = composite(SAMPLES / "in.mp4", ObjectSettings(glb=glb), 0, fit=SAMPLES / "in.json")
     panels = [("sharp shadow", _sharp_shadow(glb)), ("shadow through the lens", shown)]
     crop, size = (230, 110, 710, 410), (640, 400)
+    return [(title, one.crop(crop).resize(size, Image.Resampling.LANCZOS)) for title, one in panels]
+
+
+def own_shadows(folder: Path) -> list[Panel]:
+    """A sun's shadow by a guess and as dark as the plate's own, and the path tracer's (Blender)."""
+    made = [sys.executable, "-m", "truth.make", "--seed", "8100", "--focus", "mid", "--shadow"]
+    made += ["--percent", "50", "--samples", "40", "--out", str(folder)]
+    subprocess.run(made, env={**os.environ, "PYTHONPATH": f"{ROOT}:{SAMPLES}"}, check=True)
+    truth = folder / "8100_mid"
+    plate, scene = truth / "bg.png", ObjectSettings(glb=truth / "object.glb")
+    with patch.object(scene_light, "share_in_shadow", return_value=None):
+        guessed = composite(plate, scene, 0, effects="defocus,shadow")
+    shown = composite(plate, scene, 0, effects="defocus,shadow")
+    panels = [("guessed", guessed), ("by the plate's own shadows", shown)]
+    panels.append(("path traced", Image.open(truth / "gt.png").convert("RGB")))
+    crop, size = (110, 30, 350, 200), (480, 340)
     return [(title, one.crop(crop).resize(size, Image.Resampling.LANCZOS)) for title, one in panels]
 
 
@@ -425,6 +445,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "environment": environment,
     "materials": materials,
     "shadow": shadow,
+    "own_shadows": own_shadows,
     "holdout": holdout,
     "wall": wall,
     "walker": walker,
