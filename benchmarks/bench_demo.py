@@ -72,6 +72,17 @@ def repeated(plate: Path, times: int, output: Path) -> Path:
     return output
 
 
+def waited_for(run: subprocess.Popen[bytes]) -> Cost:
+    """Wait for a process that has just been started; what it took."""
+    start = time.perf_counter()
+    _, status, used = os.wait4(run.pid, 0)
+    elapsed = time.perf_counter() - start
+    run.returncode = os.waitstatus_to_exitcode(status)
+    if run.returncode:
+        sys.exit(f"{run.args}: ended with {run.returncode}")
+    return Cost(elapsed, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+
+
 def composited(plate: Path, folder: Path, preset: str) -> tuple[Cost, dict[str, float]]:
     """A run of the command line, and the median time of each of its nodes [ms]."""
     timings = folder / "timings.json"
@@ -80,14 +91,7 @@ def composited(plate: Path, folder: Path, preset: str) -> tuple[Cost, dict[str, 
         sys.executable, "-m", "nlens_video", *words, "--preset", preset,
         "--timings", str(timings), "--no-progress", "-q",
     ]  # fmt: skip
-    start = time.perf_counter()
-    run = subprocess.Popen(command)
-    _, status, used = os.wait4(run.pid, 0)
-    elapsed = time.perf_counter() - start
-    run.returncode = os.waitstatus_to_exitcode(status)
-    if run.returncode:
-        sys.exit(f"{' '.join(command)}: ended with {run.returncode}")
-    cost = Cost(elapsed, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+    cost = waited_for(subprocess.Popen(command))
     return cost, json.loads(timings.read_text())["summary"]["node_median_ms"]
 
 

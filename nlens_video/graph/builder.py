@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from nlens_video.graph.base.context import (
     NodeContext,
     ShadowScene,
 )
-from nlens_video.graph.base.node import Lane, Node, Unavailable
+from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
@@ -194,6 +194,11 @@ class Graph:
     nodes: tuple[Node, ...]
     left_out: tuple[tuple[str, str], ...]
     notes: tuple[str, ...] = ()
+    _lanes: dict[str, tuple[Node, ...]] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        lanes = {lane: tuple(node for node in self.nodes if node.lane == lane) for lane in LANES}
+        object.__setattr__(self, "_lanes", lanes)
 
     def has(self, name: str) -> bool:
         """Whether a node of that name was built."""
@@ -211,7 +216,7 @@ class Graph:
 
     def lane(self, name: Lane) -> tuple[Node, ...]:
         """The nodes of one lane."""
-        return tuple(node for node in self.nodes if node.lane == name)
+        return self._lanes[name]
 
 
 def build(

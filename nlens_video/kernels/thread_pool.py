@@ -20,6 +20,8 @@ Band = tuple[int, int]
 
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
+_thread = threading.local()
+_at_work = 0  # threads inside `parallel_for`, helpers included
 
 
 def processors() -> int:
@@ -49,6 +51,7 @@ def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | N
         workers: how many items at a time at most; default: `processors()`, also the upper limit.
     """
     left = deque(items)
+    own = not getattr(_thread, "counted", False)  # else a thread of a call around this one
 
     def drain() -> None:
         while True:
@@ -58,16 +61,44 @@ def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | N
                 return
             work(item)
 
+    def helped() -> None:
+        _thread.counted = True
+        try:
+            drain()
+        finally:
+            _thread.counted = False
+            _given_back(1)
+
     wanted = processors() if workers is None else workers
-    helpers = min(wanted, len(left)) - 1
-    futures = [_threads().submit(drain) for _ in range(helpers)]
+    helpers = _taken(int(own), min(wanted, len(left)) - 1)
+    futures = [_threads().submit(helped) for _ in range(helpers)]
     try:
+        _thread.counted = True
         drain()
     finally:
         started = [future for future in futures if not future.cancel()]
+        if own:
+            _thread.counted = False
+        _given_back(own + helpers - len(started))
         wait(started)
     for future in started:
         future.result()
+
+
+def _taken(own: int, helpers: int) -> int:
+    """Count in `own` threads, and of the helpers as many as there are idle processors."""
+    global _at_work
+    with _lock:
+        _at_work += own
+        helpers = max(0, min(helpers, processors() - _at_work))
+        _at_work += helpers
+    return helpers
+
+
+def _given_back(threads: int) -> None:
+    global _at_work
+    with _lock:
+        _at_work -= threads
 
 
 def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
@@ -96,8 +127,8 @@ def _threads() -> ThreadPoolExecutor:
 
 def _forget() -> None:
     """In a forked child: the parent's threads are gone, and its lock may be held for ever."""
-    global _pool, _lock
-    _pool, _lock = None, threading.Lock()
+    global _pool, _lock, _thread, _at_work
+    _pool, _lock, _thread, _at_work = None, threading.Lock(), threading.local(), 0
 
 
 if hasattr(os, "register_at_fork"):

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -72,3 +73,38 @@ def test_forked_child_can_use_the_pool():
     )
     command = [sys.executable, "-W", "ignore", "-c", code]
     assert subprocess.run(command, timeout=30, check=False).returncode == 0
+
+
+def test_loop_takes_no_helper_while_other_loops_hold_all_other_processors():
+    inside, done = threading.Barrier(processors()), threading.Event()
+
+    def hold(_):
+        inside.wait(10)
+        done.wait(10)
+
+    holders = [
+        threading.Thread(target=parallel_for, args=(hold, [0])) for _ in range(processors() - 1)
+    ]
+    for one in holders:
+        one.start()
+    inside.wait(10)
+    seen = set()
+    parallel_for(lambda _: (seen.add(threading.get_ident()), time.sleep(0.01)), range(9))
+    done.set()
+    for one in holders:
+        one.join()
+    assert seen == {threading.get_ident()}
+
+
+@pytest.mark.skipif(processors() < 2, reason="one processor takes no helpers")
+def test_helpers_come_back_after_errors_and_nested_loops():
+    def fail(item):
+        parallel_for(lambda _: None, range(3))
+        raise ValueError
+
+    for _ in range(20):
+        with pytest.raises(ValueError):
+            parallel_for(fail, range(9))
+    seen = set()
+    parallel_for(lambda _: (seen.add(threading.get_ident()), time.sleep(0.01)), range(20))
+    assert len(seen) > 1
