@@ -162,11 +162,12 @@ def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:
         exposure_ev = light.env_exposure_ev or 0.0
         environment = load_environment(light.env, light.env_rotation_deg, exposure_ev)
     given = light.shadow_strength
+    known = [one.kind for part in scene.parts for _, one in part.lights]
+    if light.sun is not None:  # it stands in for the file's
+        known = [kind for kind in known if kind != "directional"]
     return ShadowScene(
         pose=scene.pose,
-        light=SceneLight(
-            scene.light_count, environment, light.env_exposure_ev is not None, light.sun
-        ),
+        light=SceneLight(len(known), environment, light.env_exposure_ev is not None, light.sun),
         pre_rendered=objects.layers is not None,
         strength=1.0 if given is None else given,
         strength_given=given is not None,

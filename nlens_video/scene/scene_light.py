@@ -35,10 +35,10 @@ class SceneLight:
     """Light on the object and its ground: the scene file's, and that around it.
 
     Attributes:
-        count: lights that the file has; with 0 they are not looked at.
+        count: lights of the file that shine; with 0 they are not looked at.
         environment: a reduced environment map; without one the plate gives the light around.
         exposure_given: whether the map's brightness is given; else the plate's level gives it.
-        sun: a sun that the user gives, None for none.
+        sun: a sun that the user gives in place of the file's suns, None for none.
     """
 
     count: int
@@ -101,7 +101,7 @@ class SceneLight:
         if self.environment is not None and self.exposure_given:
             found = self.environment
         else:
-            own = Illumination(tuple(map(Lamp, lights)), None)
+            own = Illumination(self._lamps(lights), None)
             level, given = level_of_ground(plate, camera, seat), own.facing(seat.middle)
             exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
             lamps = own.scaled(exposure).on_plane(seat.foot)
@@ -139,13 +139,19 @@ class SceneLight:
             light = _with_sun(light, self.sun, camera, seat, left)
         return light if left is None else replace(light, shadow_left=left)
 
+    def _lamps(self, lights: tuple[PosedLight, ...]) -> tuple[Lamp, ...]:
+        """Those of the file's lights that shine: a sun that is given stands in for its suns."""
+        return tuple(
+            Lamp(one) for one in lights if self.sun is None or one.light.kind != "directional"
+        )
+
     def _toward_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
         """Direction (3,) to a sun of which all but the share of its light is given."""
         if self.environment is not None:
             return None
         if self.sun is not None:
             return None if self.sun.strength else _toward(self.sun, camera)
-        strongest = _strongest(tuple(map(Lamp, lights)) if self.count else ())
+        strongest = _strongest(self._lamps(lights) if self.count else ())
         return None if strongest is None else -strongest[0].posed.direction
 
     def on_object(
@@ -157,7 +163,7 @@ class SceneLight:
             lights: the file's, at this moment.
             plate_light: from `around`; None where no plate is known.
         """
-        own = tuple(map(Lamp, lights)) if self.count else ()
+        own = self._lamps(lights) if self.count else ()
         rest = plate_light or self.environment
         if rest is not None:
             own = Illumination(own, None).scaled(rest.exposure).lamps

@@ -172,6 +172,22 @@ def test_note_says_where_the_light_comes_from():
     assert "--sun 60,35,3" in SceneLight(0, sun=replace(given, strength=3.0)).note
 
 
+def test_a_sun_that_is_given_stands_in_for_the_files_suns_and_leaves_its_lamps():
+    bulb = PosedLight(
+        Light(kind="point", color=(1.0, 1.0, 1.0), intensity=5.0), np.array([0.0, 2.0, -4.0]), DOWN
+    )
+    lights = (sun(np.full(3, 4.0), DOWN), bulb)
+    light = SceneLight(1, sun=SunSettings(azimuth_deg=60.0, elevation_deg=35.0, strength=2.0))
+    beside = light.around_without_sun(plate(), level_camera(), SEAT, lights)
+    alone = light.around_without_sun(plate(), level_camera(), SEAT, (bulb,))
+    np.testing.assert_array_equal(beside.ambient, alone.ambient)
+    codes = ArrayPicture(np.uint8(255 * plate()))
+    with_sun = light.with_sun(beside, codes, level_camera(), SEAT, lights)
+    shine = [lamp.posed for lamp in light.on_object(lights, with_sun).lamps]
+    assert [one.light.kind for one in shine] == ["point", "directional"]
+    assert shine[1].direction[1] == pytest.approx(-math.sin(math.radians(35.0)))
+
+
 def test_contact_is_lighter_only_where_the_light_around_known_lamps_is_a_guess():
     lamps = (sun(np.ones(3), DOWN),)
     told = Illumination((), hemispheres(np.ones(3), np.ones(3)))
