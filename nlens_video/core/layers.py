@@ -5,10 +5,9 @@ Conventions: `docs/architecture.md`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,9 +16,6 @@ from nlens_video.core.box import Box as Box
 from nlens_video.core.box import Float32 as Float32
 from nlens_video.core.box import Float64 as Float64
 from nlens_video.core.box import Int64 as Int64
-
-if TYPE_CHECKING:
-    from nlens_video.core.lens_fit import LensFit
 
 Bool = npt.NDArray[np.bool_]
 UInt8 = npt.NDArray[np.uint8]
@@ -266,35 +262,3 @@ class DepthMap:
     """
 
     depth: Float32
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MovingMatte:
-    """What moves on a region of a frame.
-
-    Attributes:
-        box: the region; inside the frame.
-        coverage: share of each pixel (h, w) that it covers [1].
-        before: share of that (h, w) that is nearer than the object [1].
-        background: scene-linear light (h, w, 3) of what it hides.
-    """
-
-    box: Box
-    coverage: Float32
-    before: Float32
-    background: Float32
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MovingThings:
-    """What moves on a frame.
-
-    Attributes:
-        matte: of a region of the frame, through a lens; None where nothing moves there.
-    """
-
-    matte: Callable[[Picture, Box, LensFit | None], MovingMatte | None]
-
-
-OcclusionCue = Matte | DepthMap | CocMap | MovingThings
-"""Source of foreground occlusion."""

@@ -18,17 +18,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import (
-    Bool,
-    Box,
-    CocMap,
-    DepthMap,
-    Float32,
-    MovingMatte,
-    ObjectLayer,
-    Picture,
-)
+from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.occlusion_cues import MovingMatte
 from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.stages.composite import Foreground, ForegroundMatte

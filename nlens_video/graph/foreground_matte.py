@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, MovingMatte, MovingThings, Picture
+from nlens_video.core.layers import Box, Float32, Float64, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.foreground.background import Background, SmallBackground, gain, root
 from nlens_video.effects.foreground.canvas import Canvas
@@ -17,6 +17,7 @@ from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.things import find_regions, things_mask
 from nlens_video.effects.foreground.tracks import Ordered
+from nlens_video.effects.occlusion_cues import MovingMatte, MovingThings, SeenBackground
 from nlens_video.scene.camera import Camera
 
 _ALONG = 2.0  # pixels of the small size, within which the border of things that meet is sought
@@ -52,7 +53,33 @@ class MovingForeground:
                 self._matte(things, self.cameras[index], picture, region, fit) if things else None
             )
 
-        return MovingThings(matte)
+        def background(picture: Picture) -> SeenBackground:
+            return self._seen(picture, self.cameras[index])
+
+        return MovingThings(matte, self._feet(things, index), background)
+
+    def _seen(self, picture: Picture, camera: Camera) -> SeenBackground:
+        """The background around the object, where nothing but shadows moves."""
+        canvas, held = self.canvas, self.background.box
+        box = canvas.seen(held, camera)
+        roots, small = canvas.small(picture, camera), canvas.background(self.small, camera)
+        mask = things_mask(small.normalised(roots), small.roots, small.noise)
+        wide = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+        change = gain(roots, small.roots)
+        light = np.square(canvas.from_part(self.background.roots, held, camera, box) * change)
+        light[canvas.from_small(wide, camera, box) > 0.0] = np.nan
+        return SeenBackground(box=box, light=light)
+
+    def _feet(self, things: tuple[Ordered, ...], index: int) -> Float64:
+        """Where things stand in the frame (N, 2) [px]."""
+        scale = self.canvas.size[0] / self.canvas.small_size[0]
+        found = []
+        for one in things:
+            edges = (one.box.x0, one.box.y0, one.box.x1, one.box.y1)
+            wide = Box(*(round(scale * edge) for edge in edges))
+            seen = self.canvas.seen(wide, self.cameras[index])
+            found.append((0.5 * (seen.x0 + seen.x1), float(seen.y1)))
+        return np.array(found).reshape(-1, 2)
 
     def _matte(
         self, things: tuple[Ordered, ...], camera: Camera, picture: Picture, region: Box,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from nlens_video.core.layers import CocMap, OcclusionCue, Picture
+from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
+from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_file import read_foreground

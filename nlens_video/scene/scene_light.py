@@ -27,6 +27,7 @@ _SUN_DIAMETER = math.radians(0.53)
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
 _STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
+_SAME = 0.9999  # cosine of an angle between directions that are one
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
 
@@ -138,6 +139,28 @@ class SceneLight:
         if self.sun is not None:
             light = _with_sun(light, self.sun, camera, seat, left)
         return light if left is None else replace(light, shadow_left=left)
+
+    def known_sun(
+        self, light: Illumination, camera: Camera, lights: tuple[PosedLight, ...]
+    ) -> Lamp | None:
+        """The sun among the lamps of `on_object`, None where no file and no option tells it.
+
+        Args:
+            light: from `on_object`.
+            camera: of the frame.
+            lights: the file's, at that moment.
+        """
+        found = _strongest(light.lamps)
+        if found is None:
+            return None
+        if self.environment is not None:
+            return found[0]
+        toward = None if self.sun is None else _toward(self.sun, camera)
+        if toward is None:
+            own = _strongest(self._lamps(lights) if self.count else ())
+            toward = None if own is None else -own[0].posed.direction
+        same = toward is not None and float(-found[0].posed.direction @ toward) > _SAME
+        return found[0] if same else None
 
     def _lamps(self, lights: tuple[PosedLight, ...]) -> tuple[Lamp, ...]:
         """Those of the file's lights that shine: a sun that is given stands in for its suns."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from nlens_video.core.color import ColorTags
-from nlens_video.core.layers import Box, MovingMatte
+from nlens_video.core.layers import Box
 from nlens_video.effects.foreground.background import Survey, gain, root
 from nlens_video.effects.foreground.looks import parted
 from nlens_video.effects.foreground.matte import soft_matte
@@ -13,6 +13,7 @@ from nlens_video.effects.foreground.reservoir import Reservoir, middle
 from nlens_video.effects.foreground.things import Seen, find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
 from nlens_video.effects.occlusion import moving_mattes
+from nlens_video.effects.occlusion_cues import MovingMatte
 from nlens_video.stages.composite import behind
 from nlens_video.video.pixels.picture import ArrayPicture
 

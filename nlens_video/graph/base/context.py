@@ -8,17 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
-from nlens_video.core.layers import (
-    BlurredLayer,
-    CocMap,
-    DefocusedLayer,
-    DepthMap,
-    OcclusionCue,
-    Picture,
-)
+from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, DepthMap, Picture
 from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.core.placement import Region
 from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
 from nlens_video.scene.posed import PosedScene

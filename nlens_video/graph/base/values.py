@@ -13,12 +13,12 @@ if TYPE_CHECKING:
         DefocusedLayer,
         DepthMap,
         ObjectLayer,
-        OcclusionCue,
         Picture,
-    )  # fmt: skip
+    )
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.exposure import Exposure
     from nlens_video.effects.motion_blur import Motion
+    from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination

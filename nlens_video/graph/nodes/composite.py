@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlens_video.cameras.placement import contact_point
 from nlens_video.core.box import Box
-from nlens_video.core.layers import DepthMap, Matte, MovingThings
+from nlens_video.core.layers import DepthMap, Matte
+from nlens_video.effects.foreground.received_shadow import Sunlight, received
 from nlens_video.effects.occlusion import (
     CoverageFromCoc,
     CoverageFromDepth,
@@ -17,6 +19,7 @@ from nlens_video.effects.occlusion import (
     moving_mattes,
     object_disparity,
 )
+from nlens_video.effects.occlusion_cues import MovingThings
 from nlens_video.effects.planner import OCCLUSION
 from nlens_video.effects.shadow.things import before_shadow
 from nlens_video.graph.base.node import Node, Unavailable
@@ -30,10 +33,10 @@ if TYPE_CHECKING:
         DefocusedLayer,
         Float32,
         ObjectLayer,
-        OcclusionCue,
         Picture,
     )
     from nlens_video.core.lens_fit import LensFit
+    from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
@@ -146,6 +149,37 @@ class ForegroundNode(Node):
         if fit is None:
             return np.zeros(disparity.shape, np.float32)
         return self._by_coc(cue, disparity, region, fit, picture.srgb())
+
+
+class ReceiveShadow(Node):
+    """The shadow that what moves in the plate casts on the object, under a known sun."""
+
+    name, writes = "receive-shadow", "blurred"
+    effect, lane = OCCLUSION, "composite"
+    description = "shadow of what moves on the object, by the plate's ground"
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.occlusion is None:
+            raise Unavailable(_NO_SOURCE)
+        if context.shadow_scene is None:
+            raise Unavailable("the object's light is not known")
+        self._scene, self._context = context.shadow_scene, context
+
+    def __call__(
+        self, blurred: BlurredLayer, occlusion_cue: OcclusionCue, picture: Picture,
+        bounds: ScreenBounds, defocused: DefocusedLayer,
+    ) -> BlurredLayer:  # fmt: skip
+        if not isinstance(occlusion_cue, MovingThings) or blurred.box.empty:
+            return blurred
+        pose, camera = self._scene.pose(bounds.time_s), bounds.camera
+        light = self._scene.light.on_object(pose.lights, bounds.plate_light)
+        sun = self._scene.light.known_sun(light, camera, pose.lights)
+        contact = contact_point(pose.vertices(), self._context.ground_height)
+        ground = self._scene.light.on_ground(pose.lights, bounds.plate_light)
+        sunlight = Sunlight.known(sun, light, ground, contact)
+        if sunlight is None:
+            return blurred
+        return received(blurred, defocused, picture, occlusion_cue, camera, contact, sunlight)
 
 
 def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: Box) -> Box:

@@ -1,0 +1,240 @@
+"""What moves in the plate casts its shadow on the object, where the sun is known."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from support import shots, walking_card
+from support.command import nlens
+
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.settings import SunSettings
+from nlens_video.effects.foreground.received_shadow import (
+    GroundLight,
+    Sunlight,
+    ground_light,
+    normals,
+    on_ground,
+    received,
+    shaded,
+    share_of_sun,
+    stands_towards,
+    sun_left,
+    world_points,
+)
+from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
+from nlens_video.graph.base.view import View
+from nlens_video.graph.moving_foreground import find_moving_foreground
+from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
+from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
+from nlens_video.video.pixels.picture import ArrayPicture
+
+DOWN = np.array([0.0, -1.0, 0.0])
+SUNS = [(120, 35), (-60, 40), (-130, 50)]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cube") / "a.glb"
+    return Scene.load(shots.cube_glb(path, start=walking_card.PLACE, size=0.4, sun=False))
+
+
+def front_of_the_cube():
+    """Points (h, w, 3) of the side that the camera sees."""
+    across, up = np.meshgrid(np.linspace(-0.19, 0.19, 30), np.linspace(0.01, 0.39, 30))
+    return walking_card.PLACE + np.stack([across, up, np.full_like(up, 0.2)], axis=-1)
+
+
+@pytest.mark.parametrize(("azimuth", "elevation"), SUNS)
+def test_shadow_of_a_card_lies_on_the_object_where_its_rays_are_blocked(scene, azimuth, elevation):
+    toward = walking_card.direction(azimuth, elevation)
+    shown = list(walking_card.frames(toward))
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    moving, _ = find_moving_foreground(lambda *, sparse=False: iter(shown), scene, view, 0.0)
+    points, camera, seen = front_of_the_cube(), shots.camera(), 0
+    for frame in shown:
+        things = moving.on_frame(frame.index)
+        if not len(things.feet):
+            continue
+        feet = on_ground(things.feet, camera, 0.0)
+        assert stands_towards(feet, walking_card.PLACE, toward)
+        assert not stands_towards(feet, walking_card.PLACE, toward * (-1.0, 1.0, -1.0))
+        ground = ground_light(frame.picture, things.background(frame.picture))
+        left = sun_left(points, camera, 0.0, toward, ground, walking_card.LEFT)
+        lit = 1.0 - walking_card.blocked(points, toward, frame.index)
+        error = np.abs(left - lit).mean()  # ground that the card hides counts as lit
+        assert error < 0.16
+        if lit.mean() < 0.75:
+            seen += 1
+            assert error < (1.0 - lit).mean() / 3.0
+    assert seen >= 2
+
+
+def test_what_is_out_of_view_or_covered_tells_nothing():
+    camera, toward = shots.camera(), walking_card.direction(120, 35)
+    points = front_of_the_cube()
+    small = GroundLight(box=Box(0, 0, 20, 20), share=np.ones((20, 20), np.float32))
+    assert sun_left(points, camera, 0.0, toward, small, 0.4) is None
+    whole = Box(0, 0, camera.width, camera.height)
+    hidden = GroundLight(box=whole, share=np.full(whole.shape, np.nan, np.float32))
+    assert (sun_left(points, camera, 0.0, toward, hidden, 0.4) == 1.0).all()
+
+
+def test_grain_of_the_ground_is_no_shadow():
+    camera, toward = shots.camera(), walking_card.direction(120, 35)
+    box = Box(0, 0, camera.width, camera.height)
+    plate = shots.plate() / 255.0
+    codes = 255.0 * plate + np.random.default_rng(0).normal(0.0, 2.0, plate.shape)
+    picture = ArrayPicture(np.uint8(np.clip(codes, 0, 255)), "rgb")
+    clean = ArrayPicture(shots.plate(), "rgb").linear(box)
+    ground = ground_light(picture, SeenBackground(box=box, light=clean))
+    left = sun_left(front_of_the_cube(), camera, 0.0, toward, ground, 0.4)
+    assert left.mean() > 0.98
+
+
+@given(st.floats(-60, 60), st.floats(5, 80), st.floats(0.3, 3.0))
+def test_pixels_of_the_ground_are_found_where_it_projects_to(across, away, height):
+    camera = shots.camera()
+    eye = camera.world_from_camera[:3, 3]
+    ground_y = float(eye[1]) - height
+    point = np.array([[0.01 * across, ground_y, -0.1 * away]])
+    seen = camera.to_camera(point)
+    if seen[0, 2] < -0.01:
+        found = on_ground(camera.pixels(seen), camera, ground_y)
+        np.testing.assert_allclose(found, point, atol=1e-6)
+    assert np.isnan(on_ground(np.array([[240.0, -1e5]]), camera, ground_y)).all()
+
+
+def test_normals_of_a_sphere_and_of_what_stands_alone():
+    columns, rows = np.meshgrid(np.arange(60) + 0.5, np.arange(60) + 0.5)
+    offset = np.stack([(columns - 30) / 40, (30 - rows) / 40], axis=-1)
+    front = np.sqrt(np.maximum(1.0 - (offset**2).sum(axis=-1), 0.0))
+    unit = np.concatenate([offset, front[..., None]], axis=-1)
+    inner = (offset**2).sum(axis=-1) < 0.5
+    found = normals(np.array([0.0, 0.0, -50.0]) + unit, np.zeros(3))
+    assert ((found * unit).sum(axis=-1)[inner] > 0.99).all()
+    alone = np.full((3, 3, 3), np.nan)
+    alone[1, 1] = (0.0, 0.0, -4.0)
+    np.testing.assert_allclose(normals(alone, np.zeros(3))[1, 1], (0.0, 0.0, 1.0))
+
+
+def test_share_of_the_sun_is_none_on_its_far_side_and_all_where_nothing_else_shines():
+    lamp = Lamp(sun(np.full(3, 2.0), DOWN))
+    points = np.zeros((1, 3, 3))
+    unit = np.array([[[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]])
+    alone = share_of_sun(Illumination((lamp,), None), lamp, points, unit)
+    np.testing.assert_allclose(alone[0, :, 0], [1.0, 0.0, 0.0])
+    around = Illumination((lamp,), hemispheres(np.ones(3), np.ones(3)))
+    np.testing.assert_allclose(
+        share_of_sun(around, lamp, points, unit)[0, 0], 2.0 / (2.0 + math.pi), rtol=1e-6
+    )
+
+
+def layer_of(points_depth, box):
+    rgba = np.ones((*box.shape, 4), np.float32)
+    return ObjectLayer(box=box, rgba=rgba, depth=np.full(box.shape, points_depth, np.float32))
+
+
+def test_lost_light_is_as_soft_as_the_discs_and_leaves_coverage():
+    box = Box(10, 10, 50, 50)
+    layer = layer_of(2.0, box)
+    defocused = DefocusedLayer(layer=layer, coc_px=np.full(box.shape, 12.0, np.float32))
+    wide = box.expanded(6)
+    blurred = BlurredLayer(box=wide, rgba=np.ones((*wide.shape, 4), np.float32))
+    lost = np.zeros((*box.shape, 3))
+    lost[:, 20:] = 0.6
+    out = shaded(blurred, defocused, lost).rgba
+    np.testing.assert_array_equal(out[..., 3], 1.0)
+    middle = out[26, :, 0]
+    assert middle[0] == pytest.approx(1.0, abs=1e-3) and middle[-1] == pytest.approx(0.4, abs=1e-3)
+    assert (np.diff(middle) <= 1e-6).all()
+    assert 4 < ((middle > 0.5) & (middle < 0.9)).sum() < 14
+
+
+def test_points_of_a_layer_lie_at_its_depth():
+    camera, box = shots.camera(), Box(100, 80, 140, 120)
+    points = world_points(layer_of(2.5, box), camera)
+    seen = camera.to_camera(points.reshape(-1, 3))
+    np.testing.assert_allclose(-seen[:, 2], 2.5, rtol=1e-6)
+    np.testing.assert_allclose(camera.pixels(seen)[0], (100.5, 80.5), rtol=1e-6)
+
+
+def test_nothing_is_shaded_by_what_stands_on_the_far_side_or_without_things():
+    camera, box = shots.camera(), Box(200, 100, 240, 140)
+    layer = layer_of(2.2, box)
+    defocused = DefocusedLayer(layer=layer, coc_px=np.zeros(box.shape, np.float32))
+    blurred = BlurredLayer(box=box, rgba=layer.rgba)
+    picture = ArrayPicture(shots.plate(), "rgb")
+    lamp = Lamp(sun(np.full(3, 3.0), -walking_card.direction(120, 35)))
+    light = Illumination((lamp,), hemispheres(np.ones(3), np.ones(3)))
+    known = Sunlight.known(lamp, light, light, walking_card.PLACE)
+    behind = view_of(walking_card.PLACE - 0.5 * walking_card.direction(120, 0), camera)
+    for feet in (np.empty((0, 2)), behind):
+        things = MovingThings(
+            lambda *given: None, feet, lambda seen: pytest.fail("nothing has to be looked at")
+        )
+        out = received(blurred, defocused, picture, things, camera, walking_card.PLACE, known)
+        assert out is blurred
+
+
+def view_of(point, camera):
+    return camera.pixels(camera.to_camera(point[None]))
+
+
+def test_only_a_known_sun_that_shows_casts_one():
+    light = hemispheres(np.ones(3), np.ones(3))
+    high, low = (Lamp(sun(np.full(3, 3.0), -walking_card.direction(60, up))) for up in (40, 3))
+    faint = Lamp(sun(np.full(3, 0.05), DOWN))
+    for lamp, cast in ((high, True), (low, False), (faint, False), (None, False)):
+        both = Illumination(() if lamp is None else (lamp,), light)
+        assert (Sunlight.known(lamp, both, both, np.zeros(3)) is not None) == cast
+
+
+def test_the_known_sun_is_the_files_or_the_options_and_never_a_guess():
+    camera = shots.camera()
+    files = (sun(np.full(3, 4.0), DOWN),)
+    guess = Illumination.plausible()
+    assert SceneLight(0).known_sun(guess, camera, ()) is None
+    light = SceneLight(1).on_object(files)
+    assert SceneLight(1).known_sun(light, camera, files).posed is files[0]
+    given_sun = SceneLight(0, sun=SunSettings(azimuth_deg=90.0, elevation_deg=40.0))
+    lamp = Lamp(sun(np.full(3, 4.0), -walking_card.direction(90, 40)))
+    found = given_sun.known_sun(Illumination((lamp,), None), camera, files)
+    assert found is lamp
+    assert given_sun.known_sun(guess, camera, files) is None
+
+
+@pytest.mark.slow
+@pytest.mark.needs_gl
+def test_command_shades_the_object_under_a_sun_that_is_given(tmp_path):
+    toward = walking_card.direction(120, 35)
+    for index in range(walking_card.FRAMES):
+        shots.write_png(tmp_path / f"in_{index:03d}.png", walking_card.codes(toward, index))
+    shots.cube_glb(tmp_path / "a.glb", start=walking_card.PLACE, size=0.4, sun=False)
+    shots.fit_json(tmp_path / "fit.json")
+
+    def composited(name, *more):
+        words = [tmp_path / "in_%03d.png", tmp_path / "a.glb", tmp_path / f"{name}_%03d.png"]
+        asked = ["--input-rate", walking_card.RATE, "--fit", tmp_path / "fit.json", "-q", "-y"]
+        assert nlens(*words, *asked, "--sun", "120,35", *more).returncode == 0
+        return [
+            cv2.imread(str(tmp_path / f"{name}_{index:03d}.png")).astype(int)
+            for index in range(walking_card.FRAMES)
+        ]
+
+    shadowed, plain = composited("on"), composited("off", "--occlusion", "none")
+    view = shots.camera()
+    points = front_of_the_cube()[4:-4:8, 4:-4:8].reshape(-1, 3)
+    places = np.round(view.pixels(view.to_camera(points)) - 0.5).astype(int)
+    darker, same = [], []
+    for index, (now, without) in enumerate(zip(shadowed, plain, strict=True)):
+        here = walking_card.blocked(points, toward, index)
+        for (column, row), dark in zip(places, here, strict=True):
+            ratio = now[row, column].sum() / max(1, without[row, column].sum())
+            (darker if dark else same).append(ratio)
+    assert np.median(darker) < 0.85
+    assert np.median(same) == pytest.approx(1.0, abs=0.02)
