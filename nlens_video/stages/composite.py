@@ -117,29 +117,6 @@ def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> 
     return np.asarray(hidden, dtype=np.float32)
 
 
-def edge_parallax(
-    blurred: BlurredLayer,
-    picture: Picture,
-    defocused: DefocusedLayer,
-    fit: LensFit,
-    camera: Camera,
-    ground_y: float,
-) -> BlurredLayer:
-    """The object's layer, with the plate past its edges as the free part of the aperture sees it.
-
-    Args:
-        blurred: the object as the lens sees it, inside the frame.
-        picture: the plate; unchanged.
-        defocused: the sharp object and its CoC.
-        fit: the lens, and how much of the ground the plate shows.
-        camera: of the frame.
-        ground_y: height of the ground plane in the world [scene unit].
-    """
-    return past_edges(
-        blurred, picture, edge_surroundings(blurred.box, defocused, fit, camera, ground_y)
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EdgeSurroundings:
     """Where the plate shows past an object's edges, whatever its picture.
@@ -193,7 +170,13 @@ def edge_surroundings(
 def past_edges(
     blurred: BlurredLayer, picture: Picture, around: EdgeSurroundings | None
 ) -> BlurredLayer:
-    """As `edge_parallax`, with what `edge_surroundings` has found."""
+    """The object's layer, with the plate past its edges as the free part of the aperture sees it.
+
+    Args:
+        blurred: the object as the lens sees it, inside the frame.
+        picture: the plate; unchanged.
+        around: from `edge_surroundings`, on the same box.
+    """
     if around is None:
         return blurred
     box = blurred.box

@@ -169,11 +169,15 @@ class ReceiveShadow(Node):
         self, blurred: BlurredLayer, occlusion_cue: OcclusionCue, picture: Picture,
         bounds: ScreenBounds, defocused: DefocusedLayer,
     ) -> BlurredLayer:  # fmt: skip
-        if not isinstance(occlusion_cue, MovingThings) or blurred.box.empty:
+        if not isinstance(occlusion_cue, MovingThings) or not len(occlusion_cue.feet):
+            return blurred
+        if blurred.box.empty:
             return blurred
         pose, camera = self._scene.pose(bounds.time_s), bounds.camera
         light = self._scene.light.on_object(pose.lights, bounds.plate_light)
         sun = self._scene.light.known_sun(light, camera, pose.lights)
+        if sun is None:
+            return blurred
         contact = contact_point(pose.vertices(), self._context.ground_height)
         ground = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         sunlight = Sunlight.known(sun, light, ground, contact)
