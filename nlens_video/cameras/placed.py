@@ -158,17 +158,14 @@ def ground_seen_at(
         SceneError: the place lies above the horizon.
     """
     shown = np.array([[at[0] * camera.width, at[1] * camera.height]])
-    column, row = undistorted(shown, camera, distortion_k1)[0]
-    ray = np.array([(column - camera.cx) / camera.fx, -(row - camera.cy) / camera.fy, -1.0])
-    pose = camera.world_from_camera
-    fall = float(pose[1, :3] @ ray)
-    depth = (ground_y - float(pose[1, 3])) / fall if fall < 0.0 else -1.0
+    places = undistorted(shown, camera, distortion_k1)
+    depth = float(camera.ground_seen_at(places, ground_y)[1][0])
     if not depth > 0.0:
         raise SceneError(
             f"--at {at[0]:g},{at[1]:g} lies above the horizon of the solved camera, where no "
             "ground is; give a greater Y"
         )
-    return ray, depth
+    return camera.rays(places)[0], depth
 
 
 def _turn(yaw_deg: float, camera: Camera) -> Float64:

@@ -54,18 +54,14 @@ def grid_in_view(camera: Camera, ground_y: float) -> Grid | None:
 
     Its lines pass below the world's origin, so that it is the same grid for all frames of a shot.
     """
-    up = camera.world_from_camera[1, :3]
-    eye = camera.world_from_camera[:3, 3]
     column = 0.5 * camera.width
     top = min(max(horizon_row(camera, column), 0.0), float(camera.height))
     row = top + _DOWN * (camera.height - top)
-    ray = np.array([(column - camera.cx) / camera.fx, (camera.cy - row) / camera.fy, -1.0])
-    fall = float(up @ ray)
-    distance = (ground_y - eye[1]) / fall if fall < 0.0 else -1.0
-    if not 0.0 < distance < math.inf or camera.height - top < 0.02 * camera.height:
+    points, depths = camera.ground_seen_at(np.array([[column, row]]), ground_y)
+    at, distance = points[0], float(depths[0])
+    if not distance > 0.0 or camera.height - top < 0.02 * camera.height:
         return None
     spacing = nice_step(0.2 * distance)
-    at = eye + distance * camera.world_from_camera[:3, :3] @ ray
     x, z = (spacing * round(float(at[axis]) / spacing) for axis in (0, 2))
     return Grid(np.array([x, ground_y, z]), spacing)
 

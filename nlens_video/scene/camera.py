@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 
 from nlens_video.core.errors import Note, NoteKind, SceneError
-from nlens_video.core.layers import Box, Float64
+from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
 
@@ -104,6 +104,33 @@ class Camera:
         depth = -camera_points[:, 2]
         columns = self.cx + self.fx * camera_points[:, 0] / depth
         return np.stack([columns, self.cy - self.fy * camera_points[:, 1] / depth], axis=1)
+
+    def rays(self, places: Float64) -> Float64:
+        """Directions (N, 3) in camera axes, with z = -1, of pixel positions (N, 2)."""
+        x, y = (places[:, 0] - self.cx) / self.fx, -(places[:, 1] - self.cy) / self.fy
+        return np.stack([x, y, np.full_like(x, -1.0)], axis=1)
+
+    def ground_seen_at(self, places: Float64, ground_y: float) -> tuple[Float64, Float64]:
+        """The ground, the horizontal plane y = ground_y, at pixel positions (N, 2).
+
+        Returns:
+            Its points (N, 3) and their camera-space depth (N,) [scene unit], NaN at and above the
+            horizon, and where the camera lies below it.
+        """
+        eye = self.world_from_camera[:3, 3]
+        ways = self.rays(places) @ self.world_from_camera[:3, :3].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = (ground_y - eye[1]) / ways[:, 1]
+        depth[~((depth > 0.0) & (ways[:, 1] < 0.0))] = np.nan
+        return np.asarray(eye + depth[:, None] * ways), depth
+
+    def points_at(self, depth: Float32, columns: Float64, rows: Float64) -> Float32:
+        """World points (h, w, 3) at depths (h, w) of columns (w,) and rows (h,) [px]."""
+        pose = self.world_from_camera.astype(np.float32)
+        x = np.asarray((columns - self.cx) / self.fx, np.float32)[None, :]
+        y = np.asarray(-(rows - self.cy) / self.fy, np.float32)[:, None]
+        planes = [depth * (a[0] * x + a[1] * y - a[2]) + a[3] for a in pose[:3]]
+        return np.ascontiguousarray(np.stack(planes, axis=-1))
 
     def plane_disparity(self, ground_y: float) -> Float64:
         """Disparity of the horizontal plane y = ground_y at every pixel centre (H, W).

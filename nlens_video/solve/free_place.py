@@ -129,11 +129,8 @@ def _carried(
     spot: Float64 | Float32, one: Camera, other: Camera, ground_y: float
 ) -> Float64 | None:
     """Where a camera shows the point of the ground that another shows at a pixel, None nowhere."""
-    ray = np.array([(spot[0] - one.cx) / one.fx, -(spot[1] - one.cy) / one.fy, -1.0])
-    pose = one.world_from_camera
-    direction, eye = pose[:3, :3] @ ray, pose[:3, 3]
-    if not direction[1] < -1e-6:
+    points, _ = one.ground_seen_at(np.asarray(spot, np.float64)[None], ground_y)
+    if np.isnan(points).any():
         return None
-    point = eye + (ground_y - eye[1]) / direction[1] * direction
-    seen = other.to_camera(point[None])
+    seen = other.to_camera(points)
     return None if seen[0, 2] >= 0.0 else np.asarray(other.pixels(seen)[0], np.float64)

@@ -5,8 +5,6 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from support import shots, walking_card
 from support.command import nlens
 
@@ -16,14 +14,11 @@ from nlens_video.effects.foreground.received_shadow import (
     GroundLight,
     Sunlight,
     ground_light,
-    normals,
-    on_ground,
     received,
     shaded,
     share_of_sun,
     stands_towards,
     sun_left,
-    world_points,
 )
 from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
 from nlens_video.graph.base.view import View
@@ -60,7 +55,7 @@ def test_shadow_of_a_card_lies_on_the_object_where_its_rays_are_blocked(scene, a
         things = moving.on_frame(frame.index)
         if not len(things.feet):
             continue
-        feet = on_ground(things.feet, camera, 0.0)
+        feet, _ = camera.ground_seen_at(things.feet, 0.0)
         assert stands_towards(feet, walking_card.PLACE, toward)
         assert not stands_towards(feet, walking_card.PLACE, toward * (-1.0, 1.0, -1.0))
         ground = ground_light(frame.picture, things.background(frame.picture))
@@ -96,32 +91,6 @@ def test_grain_of_the_ground_is_no_shadow():
     assert left.mean() > 0.98
 
 
-@given(st.floats(-60, 60), st.floats(5, 80), st.floats(0.3, 3.0))
-def test_pixels_of_the_ground_are_found_where_it_projects_to(across, away, height):
-    camera = shots.camera()
-    eye = camera.world_from_camera[:3, 3]
-    ground_y = float(eye[1]) - height
-    point = np.array([[0.01 * across, ground_y, -0.1 * away]])
-    seen = camera.to_camera(point)
-    if seen[0, 2] < -0.01:
-        found = on_ground(camera.pixels(seen), camera, ground_y)
-        np.testing.assert_allclose(found, point, atol=1e-6)
-    assert np.isnan(on_ground(np.array([[240.0, -1e5]]), camera, ground_y)).all()
-
-
-def test_normals_of_a_sphere_and_of_what_stands_alone():
-    columns, rows = np.meshgrid(np.arange(60) + 0.5, np.arange(60) + 0.5)
-    offset = np.stack([(columns - 30) / 40, (30 - rows) / 40], axis=-1)
-    front = np.sqrt(np.maximum(1.0 - (offset**2).sum(axis=-1), 0.0))
-    unit = np.concatenate([offset, front[..., None]], axis=-1)
-    inner = (offset**2).sum(axis=-1) < 0.5
-    found = normals(np.array([0.0, 0.0, -50.0]) + unit, np.zeros(3))
-    assert ((found * unit).sum(axis=-1)[inner] > 0.99).all()
-    alone = np.full((3, 3, 3), np.nan)
-    alone[1, 1] = (0.0, 0.0, -4.0)
-    np.testing.assert_allclose(normals(alone, np.zeros(3))[1, 1], (0.0, 0.0, 1.0))
-
-
 def test_share_of_the_sun_is_none_on_its_far_side_and_all_where_nothing_else_shines():
     lamp = Lamp(sun(np.full(3, 2.0), DOWN))
     points = np.zeros((1, 3, 3))
@@ -153,14 +122,6 @@ def test_lost_light_is_as_soft_as_the_discs_and_leaves_coverage():
     assert middle[0] == pytest.approx(1.0, abs=1e-3) and middle[-1] == pytest.approx(0.4, abs=1e-3)
     assert (np.diff(middle) <= 1e-6).all()
     assert 4 < ((middle > 0.5) & (middle < 0.9)).sum() < 14
-
-
-def test_points_of_a_layer_lie_at_its_depth():
-    camera, box = shots.camera(), Box(100, 80, 140, 120)
-    points = world_points(layer_of(2.5, box), camera)
-    seen = camera.to_camera(points.reshape(-1, 3))
-    np.testing.assert_allclose(-seen[:, 2], 2.5, rtol=1e-6)
-    np.testing.assert_allclose(camera.pixels(seen)[0], (100.5, 80.5), rtol=1e-6)
 
 
 def test_nothing_is_shaded_by_what_stands_on_the_far_side_or_without_things():

@@ -19,7 +19,8 @@ from nlens_video.effects.shadow.casters import Casters, Occluder, Opacity, Trans
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.effects.shadow.light_views import LightViews, SampledCasters
 from nlens_video.effects.shadow.shadow_maps import blocked, draw
-from nlens_video.effects.shadow.things import before_shadow, normals
+from nlens_video.effects.shadow.things import before_shadow
+from nlens_video.effects.surfaces import normals
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (
     Illumination,

@@ -20,10 +20,10 @@ from nlens_video.core.layers import (
     DefocusedLayer,
     Float32,
     Float64,
-    ObjectLayer,
     Picture,
 )
 from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
+from nlens_video.effects.surfaces import normals
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, from_lamp, polynomial
 
@@ -35,7 +35,6 @@ _LOWEST = 0.1  # height of the sun (sine) below which shadows reach out of every
 _FAINTEST = 0.15  # share of the ground's light below which a sun's shadow is grain [1]
 _DISC_SIGMA = 0.25  # standard deviation of a disc of light by its diameter
 _LEAST = 1e-6  # weight below which nothing of the object is near
-_STEPS = 0.05  # relative change of depth between pixels that lie on different surfaces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,14 +100,18 @@ def received(
         sunlight: on both.
     """
     toward, height = -sunlight.sun.posed.direction, float(contact[1])
-    if not stands_towards(on_ground(things.feet, camera, height), contact, toward):
+    if not stands_towards(camera.ground_seen_at(things.feet, height)[0], contact, toward):
         return blurred
-    points = world_points(defocused.layer, camera)
+    layer = defocused.layer
+    view = camera.cropped(layer.box)
+    depth = np.where(np.isfinite(layer.depth), layer.depth, np.float32(np.nan))
+    columns, rows = (np.arange(side, dtype=np.float64) for side in (view.width, view.height))
+    points = view.points_at(depth, columns + 0.5, rows + 0.5).astype(np.float64)
     ground = ground_light(picture, things.background(picture))
     left = sun_left(points, camera, height, toward, ground, sunlight.in_shadow)
     if left is None or (left >= 1.0).all():
         return blurred
-    unit = normals(points, camera.world_from_camera[:3, 3])
+    unit = normals(np.nan_to_num(1.0 / depth), view).astype(np.float64)
     share = share_of_sun(sunlight.light, sunlight.sun, points, unit)
     return shaded(blurred, defocused, share * (1.0 - left[..., None]))
 
@@ -180,53 +183,6 @@ def sun_left(
     seen = np.where(seen > 1.0 - _GRAIN, np.float32(1.0), seen)
     left = np.clip((seen - in_shadow) / (1.0 - in_shadow), 0.0, 1.0)
     return np.asarray(np.nan_to_num(left, nan=1.0), np.float32)
-
-
-def world_points(layer: ObjectLayer, camera: Camera) -> Float64:
-    """Places of the object's pixels in the world (h, w, 3), NaN where it is not [scene unit]."""
-    box = layer.box
-    columns, rows = np.arange(box.x0, box.x1) + 0.5, np.arange(box.y0, box.y1) + 0.5
-    rays = np.empty((box.height, box.width, 3))
-    rays[..., 0] = (columns - camera.cx) / camera.fx
-    rays[..., 1] = -((rows - camera.cy) / camera.fy)[:, None]
-    rays[..., 2] = -1.0
-    depth = np.where(np.isfinite(layer.depth), layer.depth, np.nan).astype(np.float64)
-    pose = camera.world_from_camera
-    return np.asarray(depth[..., None] * rays @ pose[:3, :3].T + pose[:3, 3])
-
-
-def on_ground(places: Float64, camera: Camera, ground_y: float) -> Float64:
-    """Points (N, 3) of the ground at pixels of the frame (N, 2); NaN above the horizon."""
-    rays = np.column_stack([
-        (places[:, 0] - camera.cx) / camera.fx, -(places[:, 1] - camera.cy) / camera.fy,
-        -np.ones(len(places)),
-    ])  # fmt: skip
-    ways = rays @ camera.world_from_camera[:3, :3].T
-    eye = camera.world_from_camera[:3, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (ground_y - eye[1]) / ways[:, 1:2]
-    return np.where(distance > 0.0, eye + distance * ways, np.nan)
-
-
-def normals(points: Float64, eye: Float64) -> Float64:
-    """Unit normals (h, w, 3) of a surface seen from `eye` (3,), by neighbouring points.
-
-    Points without neighbours on their surface face the eye.
-    """
-    away = points - eye
-    distance = np.linalg.norm(away, axis=-1, keepdims=True)
-    across, along = np.zeros_like(points), np.zeros_like(points)
-    across[:, 1:-1] = points[:, 2:] - points[:, :-2]
-    along[1:-1] = points[2:] - points[:-2]
-    found = np.cross(along, across)
-    length = np.linalg.norm(found, axis=-1, keepdims=True)
-    steep = np.maximum(
-        np.linalg.norm(across, axis=-1, keepdims=True),
-        np.linalg.norm(along, axis=-1, keepdims=True),
-    )
-    known = (length > 0.0) & (steep < _STEPS * distance)
-    unit = np.where(known, found / np.where(length > 0.0, length, 1.0), -away / distance)
-    return np.asarray(np.where((unit * away).sum(axis=-1, keepdims=True) > 0.0, -unit, unit))
 
 
 def share_of_sun(light: Illumination, sun: Lamp, points: Float64, unit: Float64) -> Float64:

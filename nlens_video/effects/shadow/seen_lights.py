@@ -25,7 +25,8 @@ from nlens_video.effects.shadow.light_views import (
     views_of,
 )
 from nlens_video.effects.shadow.shadow_maps import blocked, draw
-from nlens_video.effects.shadow.things import Things, normals
+from nlens_video.effects.shadow.things import Things
+from nlens_video.effects.surfaces import normals
 from nlens_video.native import kernels
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (

@@ -28,8 +28,8 @@ def path_figures(known: Known, found: SolvedCamera) -> dict[str, float]:
     points = known.ground_points
     starts, shown = _seen(true[0], points)
     points, starts = points[shown], starts[shown]
-    placed = _on_ground(found.at(times[0]), found.ground_y, starts)
-    if placed is None or not len(points):
+    placed, _ = found.at(times[0]).ground_seen_at(starts, found.ground_y)
+    if np.isnan(placed).any() or not len(points):
         return {"ground_px": math.inf if len(points) else math.nan}
     squares = np.zeros(len(points))
     counts = np.zeros(len(points))
@@ -67,14 +67,3 @@ def _pixels(camera: Camera, points: Float64) -> tuple[Float64, Bool]:
     before = seen[:, 2] < 0.0
     seen[~before] = (0.0, 0.0, -1.0)
     return camera.pixels(seen), before
-
-
-def _on_ground(camera: Camera, ground_y: float, pixels: Float64) -> Float64 | None:
-    """World points (N, 3) of the ground at pixels (N, 2), None where one is above the horizon."""
-    x, y = (pixels[:, 0] - camera.cx) / camera.fx, -(pixels[:, 1] - camera.cy) / camera.fy
-    pose = camera.world_from_camera
-    rays = np.stack([x, y, -np.ones_like(x)], axis=1) @ pose[:3, :3].T
-    fall = ground_y - pose[1, 3]
-    if not (rays[:, 1] * fall > 0.0).all():
-        return None
-    return np.asarray(pose[:3, 3] + (fall / rays[:, 1])[:, None] * rays)

@@ -58,16 +58,12 @@ class Subject:
         """
         seen = self.camera.to_camera(self.foot[None])
         depth = -float(seen[0, 2])
-        column, row = self.camera.pixels(seen)[0]
-        ray = np.array([(column - found.cx) / found.fx, -(row - found.cy) / found.fy, -1.0])
-        pose = found.world_from_camera
-        fall, eye = float((pose[:3, :3] @ ray)[1]), pose[:3, 3]
-        new_depth = (ground_y - float(eye[1])) / fall if fall < 0.0 else -1.0
+        feet, depths = found.ground_seen_at(self.camera.pixels(seen), ground_y)
+        foot, new_depth = feet[0], float(depths[0])
         if not (depth > 0.0 and new_depth > 0.0):
             raise InputError("the object's foot lies above the horizon")
         size = new_depth * self.camera.fy / (depth * found.fy)
-        foot = eye + new_depth * (pose[:3, :3] @ ray)
-        turn = _about_y(_heading(pose) - _heading(self.camera.world_from_camera))
+        turn = _about_y(_heading(found.world_from_camera) - _heading(self.camera.world_from_camera))
 
         def moved(places: Float64) -> Float64:
             return np.asarray(foot + size * (places - self.foot) @ turn.T)

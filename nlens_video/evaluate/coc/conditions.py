@@ -162,16 +162,12 @@ def guess_camera(
     depth = -float(seen[0, 2])
     if depth <= 0:
         raise SceneError("the object's foot lies behind the camera")
-    column, row = camera.pixels(seen)[0]
-    ray = np.array([(column - wrong.cx) / wrong.fx, -(row - wrong.cy) / wrong.fy, -1.0])
-    direction, eye = wrong.world_from_camera[:3, :3] @ ray, wrong.world_from_camera[:3, 3]
-    fall = ground_y - float(eye[1])
-    if direction[1] * fall <= 0:
+    feet, depths = wrong.ground_seen_at(camera.pixels(seen), ground_y)
+    if not depths[0] > 0.0:
         raise SceneError("under the wrong field of view the object's foot lies above the horizon")
-    new_depth = fall / float(direction[1])
     return GuessedCamera(
         camera=wrong,
-        size=new_depth / (factor * depth),
+        size=float(depths[0]) / (factor * depth),
         foot=foot,
-        moved_foot=eye + new_depth * direction,
+        moved_foot=feet[0],
     )

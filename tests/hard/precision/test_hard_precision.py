@@ -101,7 +101,7 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "cast veils": "effects/shadow/transparency",
     "points in shadow maps": "effects/shadow/shadow_maps",
     "first surfaces seen from a light": "effects/shadow/light_views",
-    "flattest windows": "effects/shadow/things",
+    "flattest windows": "effects/surfaces",
     "light that things lose": "effects/shadow/seen_lights",
     "decoding": "video/pixels/blend",
     "change of exposure": "effects/exposure",
