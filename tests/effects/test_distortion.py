@@ -26,7 +26,7 @@ from nlens_video.effects.camera.distortion_apply import (
 )
 from nlens_video.effects.camera.distortion_measure import measure
 from nlens_video.effects.measurement import Measurement
-from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.effects.shadow.apply import Shade, Shadow
 from nlens_video.graph.base.view import View
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.scene.scene import Scene
@@ -112,7 +112,9 @@ def test_shadow_and_reflection_are_distorted_with_the_object():
     layer = disc((400.0, 220.0))
     expected = middle(distort(layer, bend))
     coc = np.full(layer.rgba.shape[:2], 3.0, np.float32)
-    shadow = distort_shadow(Shadow(box=FRAME, loss=layer.rgba[..., :3], coc_px=coc), bend)
+    plain = Shadow(box=FRAME, loss=layer.rgba[..., :3], coc_px=coc)
+    shadow = distort_shadow(replace(plain, shade=lambda: Shade(plain, 0.4)), bend)
+    np.testing.assert_array_equal(shadow.shade().shadow.loss, shadow.loss)
     loss = BlurredLayer(box=shadow.box, rgba=np.dstack([shadow.loss, shadow.loss[..., :1]]))
     assert middle(loss) == pytest.approx(expected, abs=0.05)
     assert shadow.coc_px == pytest.approx(3.0)

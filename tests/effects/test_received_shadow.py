@@ -5,6 +5,8 @@ import math
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support import shots, walking_card
 from support.command import nlens
 
@@ -14,6 +16,7 @@ from nlens_video.effects.foreground.received_shadow import (
     GroundLight,
     Sunlight,
     ground_light,
+    part_in_the_sun,
     received,
     shaded,
     share_of_sun,
@@ -21,8 +24,12 @@ from nlens_video.effects.foreground.received_shadow import (
     sun_left,
 )
 from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
-from nlens_video.graph.base.view import View
+from nlens_video.effects.shadow.apply import BlurredShadow
+from nlens_video.graph.base.context import NodeContext, OcclusionSource, ShadowScene
+from nlens_video.graph.base.object_source import RenderedObject
+from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.moving_foreground import find_moving_foreground
+from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode
 from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -167,6 +174,82 @@ def test_the_known_sun_is_the_files_or_the_options_and_never_a_guess():
     found = given_sun.known_sun(Illumination((lamp,), None), camera, files)
     assert found is lamp
     assert given_sun.known_sun(guess, camera, files) is None
+
+
+SHARES = st.floats(0.0, 1.0)
+
+
+@given(st.floats(0.1, 0.9), st.floats(0.0, 0.9), SHARES, SHARES)
+def test_ground_loses_the_sun_once_by_two_shadows(in_shadow, sun, own, around):
+    lit = in_shadow + (1.0 - in_shadow) * sun  # of the ground's light, as the plate shows it
+    in_sun = (1.0 - in_shadow) * own + in_shadow * around
+    box, size = Box(0, 0, 4, 3), (3, 4)
+    ground = GroundLight(box=box, share=np.full(size, lit, np.float32))
+    shadows = [
+        BlurredShadow(box=box, loss=np.full((*size, 4), loss, np.float32))
+        for loss in (in_sun, around)
+    ]
+    part = part_in_the_sun(ground, in_shadow)
+    loss = shadows[0].mixed(shadows[1], box, part).loss
+    known = in_shadow * (1.0 - around) + (1.0 - in_shadow) * sun * (1.0 - own)
+    assert lit > 0.93 or lit * (1.0 - loss) == pytest.approx(known, abs=1e-5)
+
+
+def test_shadows_that_are_mixed_stay_as_they_are_where_the_ground_is_not_known():
+    own = BlurredShadow(box=Box(2, 2, 6, 6), loss=np.full((4, 4, 4), 0.5, np.float32))
+    part = np.zeros((3, 3), np.float32)
+    for other in (None, BlurredShadow(box=Box(0, 0, 4, 4), loss=np.zeros((4, 4, 4), np.float32))):
+        found = own.mixed(other, Box(4, 4, 7, 7), part)
+        there = found.loss[Box(2, 2, 6, 6).slices_in(found.box)]
+        assert (there[2:, 2:] == 0.0).all() and (there[:2] == 0.5).all()
+
+
+def own_shadow(points, toward):
+    """Whether points (h, w, 3) of the ground lie in the cube's shadow."""
+    half = np.array([0.2, 0.2, 0.2])
+    middle = walking_card.PLACE + (0.0, 0.2, 0.0)
+    ways = np.sort([(middle - half - points) / toward, (middle + half - points) / toward], axis=0)
+    return ways[0].max(axis=-1) < ways[1].min(axis=-1)
+
+
+def test_ground_in_the_objects_shadow_is_as_dark_in_the_cards_too(scene):
+    toward, camera, index = walking_card.direction(120, 35), shots.camera(), 20
+    frame = Box(0, 0, camera.width, camera.height)
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    context = NodeContext(
+        objects=RenderedObject(scene=scene, renderer=None, view=view), estimate_coc=None,
+        ground_y=0.0, fallback_constant=False, pixel_aspect=1.0,
+        shadow_scene=ShadowScene(
+            pose=scene.pose, pre_rendered=False, strength=1.0,
+            light=SceneLight(0, sun=SunSettings(azimuth_deg=120.0, elevation_deg=35.0)),
+        ),
+        occlusion=OcclusionSource("", lambda index, picture, plate_coc: None),
+    )  # fmt: skip
+    level, share = 0.5 * math.pi, 1.0 - walking_card.LEFT
+    lamp = Lamp(sun(np.full(3, share * level / toward[1]), -toward))
+    around = np.full(3, walking_card.LEFT * level / math.pi)
+    light = Illumination((lamp,), hemispheres(around, around))
+    bounds = ScreenBounds(
+        time_s=0.0, camera=camera, box=frame, nearest=1.0, farthest=9.0, plate_light=light
+    )
+    shadow = ShadowNode(context)(bounds, None, None, None)
+    clean = ArrayPicture(shots.plate(), "rgb").linear(frame)
+    things = MovingThings(
+        lambda *given: None,
+        np.array([[320.0, 200.0]]),
+        lambda seen: SeenBackground(box=frame, light=clean),
+    )
+    composite, light_of = CompositeShadow(context), []
+    for codes in (shots.plate(), walking_card.codes(toward, index)):
+        picture = ArrayPicture(codes, "rgb")
+        composite(picture, shadow, frame, None, things)
+        light_of.append(picture.linear(frame).sum(axis=-1))
+    ground = camera.plane_points(0.0)
+    both = own_shadow(ground, toward) & walking_card.blocked(ground, toward, index)
+    there = cv2.erode(np.uint8(both), np.ones((5, 5))) > 0
+    assert there.sum() > 100
+    alone, together = (float(np.median((one / clean.sum(axis=-1))[there])) for one in light_of)
+    assert alone < 0.35 and together == pytest.approx(alone, rel=0.1)
 
 
 @pytest.mark.slow

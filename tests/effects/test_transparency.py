@@ -188,7 +188,7 @@ def test_static_shadow_darkens_every_frame_identically(tmp_path):
     results = []
     for time_s in (0.0, 0.1):
         picture = ArrayPicture(np.full((HEIGHT, WIDTH, 3), 0.5, np.float32), "rgb", LINEAR)
-        darken(picture, shadow(placed(time_s), fit, None, None), FRAME, None)
+        darken(picture, shadow(placed(time_s), fit, None, None), FRAME, None, None)
         results.append(picture.array)
     # 0.4 of the sun, which gives a third of the light, is gone, and some of the light around
     assert np.array_equal(*results) and 0.35 < results[0].min() < 0.5 * (1 - 0.4 / 3)

@@ -24,7 +24,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.optics import Distortion
-from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.effects.shadow.apply import Shade, Shadow
 from nlens_video.scene.camera import Camera
 
 MARGIN_LIMIT_PX = 512
@@ -130,7 +130,7 @@ def distort(layer: BlurredLayer, warp: DistortionMap) -> BlurredLayer:
 
 def distort_shadow(shadow: Shadow, warp: DistortionMap) -> Shadow:
     """A distorted shadow."""
-    shadow = shadow.fine
+    shadow, found = shadow.fine, shadow.shade
     box = warp.reached(shadow.box, _reach(shadow.coc_px))
     places = warp.remap(box, shadow.box)
     return replace(
@@ -138,7 +138,14 @@ def distort_shadow(shadow: Shadow, warp: DistortionMap) -> Shadow:
         box=box,
         loss=np.clip(_warped(shadow.loss, places, cv2.INTER_LINEAR), 0.0, 1.0),
         coc_px=_warped(shadow.coc_px, places, cv2.INTER_LINEAR, cv2.BORDER_REPLICATE),
+        shade=None if found is None else lambda: _distort_shade(found(), warp),
     )
+
+
+def _distort_shade(shade: Shade | None, warp: DistortionMap) -> Shade | None:
+    if shade is None or shade.shadow is None:
+        return shade
+    return replace(shade, shadow=distort_shadow(shade.shadow, warp))
 
 
 def undistorted_depth(real: DepthMap, warp: DistortionMap) -> DepthMap:

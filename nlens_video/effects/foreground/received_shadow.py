@@ -180,7 +180,23 @@ def sun_left(
         ground.share, at[..., 0], at[..., 1], cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT, borderValue=math.nan,
     )  # fmt: skip
-    seen = np.where(seen > 1.0 - _GRAIN, np.float32(1.0), seen)
+    return _sun_of(np.asarray(seen, np.float32), in_shadow)
+
+
+def part_in_the_sun(ground: GroundLight, in_shadow: float) -> Float32:
+    """Of the ground, how much is as in the sun, the rest as in a shadow (h, w), by its light [1].
+
+    Args:
+        ground: its light.
+        in_shadow: share of its light that is left in the sun's shadow, in [0, 1) [1].
+    """
+    sun = _sun_of(ground.share, in_shadow)
+    return np.asarray(sun / (in_shadow + (1.0 - in_shadow) * sun), np.float32)
+
+
+def _sun_of(share: Float32, in_shadow: float) -> Float32:
+    """How much of the sun reaches a ground that has such a share of its light; 1 for NaN."""
+    seen = np.where(share > 1.0 - _GRAIN, np.float32(1.0), share)
     left = np.clip((seen - in_shadow) / (1.0 - in_shadow), 0.0, 1.0)
     return np.asarray(np.nan_to_num(left, nan=1.0), np.float32)
 

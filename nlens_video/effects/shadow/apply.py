@@ -6,6 +6,7 @@ The lens blurs the loss of light as it blurs the ground there; the paper leaves 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -67,6 +68,19 @@ class Grid:
         )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Shade:
+    """A shadow where something else hides the sun from the ground.
+
+    Attributes:
+        shadow: what the object blocks of the other light; None for nothing.
+        left: share of the ground's light that is left there, in [0, 1) [1].
+    """
+
+    shadow: Shadow | None
+    left: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shadow:
     """The share of the ground's light that the object blocks.
@@ -79,6 +93,8 @@ class Shadow:
         step: pixels of the frame that each pixel of the arrays stands for, each way [px].
         on_things: whether it falls on filmed things by their depth, not on the plane alone; the
             CoC is theirs, then.
+        shade: finds what it is where something else hides the sun, if one is known; None where
+            nothing is looked for that does.
     """
 
     box: Box
@@ -86,6 +102,7 @@ class Shadow:
     coc_px: Float32
     step: int = 1
     on_things: bool = False
+    shade: Callable[[], Shade | None] | None = None
 
     def __post_init__(self) -> None:
         size = self.box.height // self.step, self.box.width // self.step
@@ -152,6 +169,24 @@ class BlurredShadow:
     def layer(self) -> Float32 | None:
         """What darkens the plate as a layer of its light (h, w, 4); None where nothing is lost."""
         return _darkening(self.loss) if not self.box.empty and self.loss.any() else None
+
+    def mixed(self, other: BlurredShadow | None, box: Box, part: Float32) -> BlurredShadow:
+        """This shadow and another where only a part of the ground is as this one takes it.
+
+        Args:
+            other: on the rest of the ground; None for no shadow.
+            box: where the part is known; inside the frame, beyond it this shadow stays.
+            part: (h, w) [1].
+        """
+        whole = self.box if other is None else self.box.union(other.box)
+        own, rest = (np.zeros((whole.height, whole.width, 4), np.float32) for _ in range(2))
+        own[self.box.slices_in(whole)] = self.loss
+        if other is not None:
+            rest[other.box.slices_in(whole)] = other.loss
+        common = box.intersection(whole)
+        share, at = part[common.slices_in(box)][..., None], common.slices_in(whole)
+        own[at] = share * own[at] + (np.float32(1.0) - share) * rest[at]
+        return BlurredShadow(box=whole, loss=own)
 
 
 def _darkening(loss: Float32) -> Float32:

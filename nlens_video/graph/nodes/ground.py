@@ -1,36 +1,44 @@
-"""Nodes of what the object does to the ground: its shadow and its planar reflection."""
+"""Nodes of the shadow that the object casts on the ground and what stands on it."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from nlens_video.cameras.placement import contact_point
 from nlens_video.core.box import Box
-from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.optics import Distortion
 from nlens_video.effects.camera.distortion_apply import DistortionMap, undistorted_depth
-from nlens_video.effects.motion_blur import mean_layer, sampled_count
-from nlens_video.effects.planner import REFLECTION, SHADOW
-from nlens_video.effects.reflection import OverlayReflection, RenderReflection
-from nlens_video.effects.shadow.apply import ApplyShadow, ground_blur
+from nlens_video.effects.foreground.received_shadow import (
+    Sunlight,
+    ground_light,
+    part_in_the_sun,
+)
+from nlens_video.effects.motion_blur import sampled_count
+from nlens_video.effects.occlusion_cues import MovingThings
+from nlens_video.effects.planner import SHADOW
+from nlens_video.effects.shadow.apply import ApplyShadow, Shade, ground_blur
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
-from nlens_video.stages.l_reblur import object_coc
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import Box, DepthMap, Float64, ObjectLayer, Picture
+    from nlens_video.core.layers import DepthMap, Float64, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
+    from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import BlurredShadow, Shadow
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.scene.camera import Camera
     from nlens_video.scene.illumination import Illumination
+    from nlens_video.scene.posed import PosedScene
     from nlens_video.stages.composite import Foreground
     from nlens_video.video.info import SourceFrame
 
@@ -106,12 +114,38 @@ class ShadowNode(Node):
         moments = self._moments(bounds, fit, motion, light)
         given = (moments, light, fit, plate_depth)
         if self._last is None or not equal_values(self._last[0], given):
-            height = self._context.ground_height
-            shadow = self._cast(moments, light, height, fit)
-            if plate_depth is not None:
-                shadow = self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
+            shadow = self._shadow(moments, light, fit, plate_depth)
+            if shadow is not None and self._context.occlusion is not None:
+
+                def shade() -> Shade | None:
+                    """In the shadow of what moves."""
+                    sunlight = self._sunlight(light, bounds.camera, pose)
+                    if sunlight is None:
+                        return None
+                    rest = tuple(one for one in light.lamps if one is not sunlight.sun)
+                    around = replace(light, lamps=rest)
+                    shaded = self._shadow(moments, around, fit, plate_depth)
+                    return Shade(shaded, sunlight.in_shadow)
+
+                shadow = replace(shadow, shade=cache(shade))
             self._last = given, shadow
         return self._last[1]
+
+    def _shadow(
+        self, moments: tuple[Moment, ...], light: Illumination, fit: LensFit | None,
+        plate_depth: DepthMap | None,
+    ) -> Shadow | None:  # fmt: skip
+        height = self._context.ground_height
+        shadow = self._cast(moments, light, height, fit)
+        if plate_depth is None:
+            return shadow
+        return self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
+
+    def _sunlight(self, light: Illumination, camera: Camera, pose: PosedScene) -> Sunlight | None:
+        """The sun that what moves may hide from the ground; None where none is known."""
+        sun = self._scene.light.known_sun(light, camera, pose.lights)
+        contact = contact_point(pose.vertices(), self._context.ground_height)
+        return None if light.ambient is None else Sunlight.known(sun, light, light, contact)
 
     def _moments(
         self,
@@ -156,16 +190,42 @@ class CompositeShadow(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._apply = ApplyShadow(make_reblur(context, "draft"), round_lens=context.aperture.round)
-        self._last: tuple[Shadow, BlurredShadow] | None = None  # reused while the object rests
-        self.description = "plate times remaining light, blurred by the ground's CoC"
+        # both are reused while the object rests
+        self._last: tuple[Shadow, BlurredShadow] | None = None
+        self._last_shade: tuple[Shadow, BlurredShadow | None, float] | None = None
+        self.description = (
+            "plate times remaining light, blurred by the ground's CoC; where what moves hides the "
+            "sun, of the other light alone"
+        )
 
     def __call__(
-        self, picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None
-    ) -> Picture:
+        self, picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None,
+        occlusion_cue: OcclusionCue | None,
+    ) -> Picture:  # fmt: skip
         if self._last is None or self._last[0] is not shadow:
             self._last = shadow, self._apply.blurred(shadow, frame_box)
+        blurred = self._last[1]
+        if isinstance(occlusion_cue, MovingThings) and len(occlusion_cue.feet):
+            blurred = self._beside(occlusion_cue, picture, shadow, blurred, frame_box)
         cover = None if foreground is None else foreground.before_shadow
-        return self._apply.darken(picture, self._last[1], cover)
+        return self._apply.darken(picture, blurred, cover)
+
+    def _beside(
+        self, things: MovingThings, picture: Picture, shadow: Shadow, blurred: BlurredShadow,
+        frame_box: Box,
+    ) -> BlurredShadow:  # fmt: skip
+        """The shadow where a part of the ground lies in that of what moves."""
+        if self._last_shade is None or self._last_shade[0] is not shadow:
+            shade = None if shadow.shade is None else shadow.shade()
+            lit = None
+            if shade is not None and shade.shadow is not None:
+                lit = self._apply.blurred(shade.shadow, frame_box)
+            self._last_shade = shadow, lit, 1.0 if shade is None else shade.left
+        _, lit, left = self._last_shade
+        if left >= 1.0:
+            return blurred
+        ground = ground_light(picture, things.background(picture))
+        return blurred.mixed(lit, ground.box, part_in_the_sun(ground, left))
 
 
 def equal_values(first: object, second: object) -> bool:
@@ -183,79 +243,3 @@ def equal_values(first: object, second: object) -> bool:
             equal_values(getattr(first, f.name), getattr(second, f.name)) for f in fields(first)
         )
     return bool(first == second)
-
-
-class Reflect(Node):
-    """The object rendered by a camera mirrored at the ground plane, with motion blur."""
-
-    name, writes = "reflect", "reflection"
-    effect = REFLECTION
-
-    def __init__(self, context: NodeContext, *, most_moments: int = 9) -> None:
-        if context.renderer is None:
-            raise Unavailable("pre-rendered layers hold no view from below the ground")
-        self._context, self._most_moments = context, most_moments
-        self._render = RenderReflection(renderer=context.renderer, reflectance=context.reflectance)
-        self.description = (
-            f"mirrored camera, reflectance {context.reflectance:g} at normal incidence, temporal "
-            "samples where it moves by a pixel over the shutter interval"
-        )
-
-    def __call__(
-        self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
-    ) -> DefocusedLayer | None:
-        context = self._context
-        # the virtual image lies farther than the object; its margin holds up to infinity
-        ends = np.array([1.0 / bounds.nearest, 0.0], np.float32)
-        reach = 0.0 if fit is None else 0.5 * float(np.abs(fit.coc_px(ends)).max())
-        reach *= max(1.0, context.pixel_aspect)
-
-        def rendered(time_s: float) -> ObjectLayer | None:
-            own = time_s == bounds.time_s
-            camera = bounds.camera if own else context.objects.camera(time_s)
-            return self._render(time_s, camera, context.ground_height, reach, bounds.plate_light)
-
-        count = 1 if motion is None else self._moments(bounds.time_s, fit)
-        times = context.shutter.middles(bounds.time_s, min(count, self._most_moments))
-        layer = mean_layer(rendered(time_s) for time_s in times)
-        if layer is None:
-            return None
-        if fit is None:
-            return DefocusedLayer(layer=layer, coc_px=np.zeros(layer.depth.shape, np.float32))
-        return object_coc(layer, fit)
-
-    def _moments(self, time_s: float, fit: LensFit | None) -> int:
-        """Number of temporal samples of the mirror image."""
-        context = self._context
-        if context.shadow_scene is None:
-            return 1
-        places, depths = [], []
-        for moment in context.shutter.edges(time_s):
-            vertices = context.shadow_scene.pose(moment).vertices().astype(np.float64)
-            vertices[:, 1] = 2.0 * context.ground_height - vertices[:, 1]
-            camera = context.objects.camera(moment)
-            seen = camera.to_camera(vertices)
-            if not (seen[:, 2] < 0.0).all():
-                return 1
-            places.append(camera.pixels(seen))
-            depths.append(-seen[:, 2])
-        coc = 0.0 if fit is None else np.abs(fit.coc_px((1.0 / depths[1]).astype(np.float32)))
-        return sampled_count(places, np.asarray(coc, dtype=np.float64))
-
-
-class CompositeReflection(Node):
-    """The mirror image over the plate and under the object, blurred by its own CoC."""
-
-    name, writes = "composite-reflection", "picture"
-    effect, lane = REFLECTION, "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self._overlay = OverlayReflection(make_reblur(context))
-        self.description = "over the plate, under the object, blurred by its own CoC"
-
-    def __call__(
-        self, picture: Picture, reflection: DefocusedLayer, frame_box: Box,
-        foreground: Foreground | None,
-    ) -> Picture:  # fmt: skip
-        cover = None if foreground is None else foreground.before_ground
-        return self._overlay(picture, reflection, frame_box, cover)
