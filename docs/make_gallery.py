@@ -5,6 +5,7 @@ python docs/make_gallery.py [NAME ...]
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -325,6 +326,52 @@ def walker(folder: Path) -> list[Panel]:
     ]
 
 
+def shaded(folder: Path) -> list[Panel]:
+    """Somebody who carries a board between the sun and the object."""
+    sys.path.append(str(SAMPLES))
+    from truth import figures, walkers
+
+    clip = walkers.Clip(7, 72)
+    x, z = clip.place
+    look, level = clip.walkers[0].look, z - 0.65
+    clip.walkers = [walkers.Walker(look, (x - 2.6, level), (x + 1.5, level), (1, 70))]
+    right, ahead = clip.sun = 1.0, 0.75  # where a shadow falls, by the height of what casts it
+    clip.shade, clip.drift = 0.55, 0.0
+
+    def with_board(look: figures.Look, stride: float, facing: float) -> figures.Array:
+        card = figures.draw_figure(look, stride, facing)
+        middle, foot = card.shape[1] // 2, card.shape[0]
+        for half, low, high, light in ((88, 77, 363, (0.3, 0.12, 0.05)),
+                                       (80, 85, 355, (0.55, 0.42, 0.25))):  # fmt: skip
+            card[foot - high : foot - low, middle - half : middle + half] = (*light, 1.0)
+        return card
+
+    with patch.object(walkers, "draw_figure", with_board):
+        plate, drawn, _ = _drawn(folder, clip)
+    objects.still_chick(folder / "chick.glb")
+    column, row = walkers.project([(x, 0.0, z)], clip.pose(0))[0]
+    sun = SunSettings(
+        azimuth_deg=math.degrees(math.atan2(-right, -ahead)),
+        elevation_deg=math.degrees(math.atan(1.0 / math.hypot(right, ahead))),
+    )
+    scene = ObjectSettings(
+        glb=folder / "chick.glb",
+        camera_from=drawn.glb,
+        on_ground=GroundPlacing(
+            at=(column / walkers.WIDTH, row / walkers.HEIGHT), size=0.25, yaw_deg=30.0
+        ),
+        light=LightSettings(sun=sun),
+    )
+    left_out = replace(scene, real=RealSettings(occlusion="none"))
+    frame, crop, size = 28, (170, 40, 430, 230), (416, 304)
+    panels = [
+        ("plate", frame_of(plate, frame)),
+        ("--occlusion none", composite(plate, left_out, frame)),
+        ("as it is", composite(plate, scene, frame)),
+    ]
+    return [(title, one.crop(crop).resize(size, Image.Resampling.LANCZOS)) for title, one in panels]
+
+
 def crossing(folder: Path) -> list[Panel]:
     """Two who cross, one before the object and one behind it, under a camera that travels."""
     sys.path.append(str(SAMPLES))
@@ -449,6 +496,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "holdout": holdout,
     "wall": wall,
     "walker": walker,
+    "shaded": shaded,
     "crossing": crossing,
     "reflection": reflection,
     "moving_camera": moving_camera,
