@@ -62,7 +62,7 @@ def open_dependencies(
     with ThreadPoolExecutor(1, "nlens-occlusion") as beside:  # while the effects are measured
         opening = beside.submit(
             open_occlusion_source, objects, scene, view, estimate_coc, again, plate.survey,
-            asked_for=asked_for,
+            ground.light, asked_for=asked_for,
         )  # fmt: skip
         effects = plan_effects(
             lens, pipeline, objects, scene, ground, lambda: opening.result()[1], plate, profiler,

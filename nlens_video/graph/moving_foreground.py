@@ -9,13 +9,11 @@ and some numbers for each thing on a frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from nlens_video.cameras.placement import contact_point
-from nlens_video.core.layers import Box, Float64
+from nlens_video.core.layers import Box
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.foreground.background import Background, SmallBackground, Survey, gain
 from nlens_video.effects.foreground.canvas import Canvas, StillCanvas
@@ -32,58 +30,21 @@ from nlens_video.effects.foreground.tracks import Tracks
 from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
 from nlens_video.effects.foreground.turned_canvas import TurnedCanvas
 from nlens_video.graph.base.context import ReadAgain
-from nlens_video.graph.base.view import View, bounds_near_frame
+from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_matte import MovingForeground
+from nlens_video.graph.sight import Sight
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.info import SourceFrame
 
 CERTAIN = 0.9
 """Least share of the object's surroundings whose background is known, to be sure of it [1]."""
 _EVERY_S = 0.2  # from one frame that is looked at beforehand to the next [s]
 _SAMPLES = 12  # moments at which the object's place is looked up beforehand
-_MARGIN = 0.5  # of the object's height, around it: its shadow lies there [1]
-_LEAST_MARGIN_PX = 24
 _CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
 _LEAST_PARALLAX, _MOST_PARALLAX = 0.0005, 0.15
 """Of the frame's width, by which the background shifts if its depth matters, and may shift [1]."""
-_STILL = 1e-6  # by which a still camera's numbers may differ from frame to frame [1]
-
-
-@dataclass(frozen=True, slots=True)
-class _Sight:
-    """The object, and how the frames see it; the ground's height as of `find_moving_foreground`."""
-
-    scene: Scene
-    view: View
-    ground_y: float | None
-
-    def camera(self, time_s: float) -> Camera:
-        return self.view.camera_at(self.scene, time_s)
-
-    def stays(self, times: Sequence[float]) -> bool:
-        """Whether the camera sees the same at all of these moments [s]."""
-        return all(_same(self.camera(one), self.camera(times[0])) for one in times[1:])
-
-    def place(self, time_s: float) -> Box:
-        """Where the object and its shadow are, inside the frame; empty where they are not."""
-        bounds = bounds_near_frame(self.scene, self.view, time_s)
-        if bounds is None:
-            return Box(0, 0, 0, 0)
-        margin = max(_LEAST_MARGIN_PX, round(_MARGIN * bounds.box.height))
-        return bounds.box.expanded(margin).intersection(self.view.box)
-
-    def contact(self, time_s: float) -> Float64:
-        """The point of the ground where the object stands (3,)."""
-        return contact_point(self.scene.pose(time_s).vertices(), self.ground_y)
-
-    def canvas(self, time_s: float) -> TurnedCanvas:
-        """Where the frames of a camera that turns are laid, of which one is of that moment."""
-        contact, solved = self.contact(time_s), self.view.solved
-        return TurnedCanvas.towards(
-            contact, self.camera(time_s),
-            distortion_k1=solved.distortion_k1 if solved is not None else 0.0,
-        )  # fmt: skip
 
 
 class StillSurvey:
@@ -114,7 +75,7 @@ class StillSurvey:
 
 def find_moving_foreground(
     again: ReadAgain, scene: Scene, view: View, ground_y: float | None,
-    seen: StillSurvey | None = None,
+    seen: StillSurvey | None = None, light: SceneLight | None = None,
 ) -> tuple[MovingForeground | None, Finding]:  # fmt: skip
     """Look for what moves around an object.
 
@@ -124,11 +85,12 @@ def find_moving_foreground(
         view: how the frames see it.
         ground_y: height of the ground, None for the object's lowest point [scene unit].
         seen: the shot as it was looked at before for a still camera; default: it is read for that.
+        light: what may tell a sun, whose shadow of the object is looked at, too.
 
     Returns:
         What moves there, None where nothing does or it cannot be told; and why.
     """
-    sight = _Sight(scene, view, ground_y)
+    sight = Sight(scene, view, ground_y, light)
     survey, canvas, times = _survey(again, sight, seen)
     place = _object_place(sight, canvas, times)
     if _parallax(sight, times) > _MOST_PARALLAX:
@@ -148,7 +110,7 @@ def find_moving_foreground(
         )
     if not small.moves(place):
         return None, Finding("nothing moves where the object stands")
-    found, steadiness = _follow(again, sight, canvas, small, place, times[-1])
+    found, steadiness = _follow(again, sight, canvas, small, place, times)
     if found is None or steadiness < CERTAIN:
         reason = "what moves there has no steady outline; give --holdout PATH"
         return None, Finding(reason, certainty=steadiness, threshold=CERTAIN)
@@ -165,7 +127,7 @@ def _sure(reason: str, certainty: float) -> Finding:
 
 
 def _survey(
-    again: ReadAgain, sight: _Sight, seen: StillSurvey | None
+    again: ReadAgain, sight: Sight, seen: StillSurvey | None
 ) -> tuple[Survey, Canvas, list[float]]:
     """A first look at the shot, where its frames lie, and the moments at which it was read [s]."""
     if seen is None:
@@ -179,7 +141,7 @@ def _survey(
     return seen.survey, seen.canvas, seen.times
 
 
-def _survey_moving(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, list[float]]:
+def _survey_moving(again: ReadAgain, sight: Sight) -> tuple[Survey, Canvas, list[float]]:
     """The same of a camera that moves, by the frames that show the object."""
     canvas: TurnedCanvas | None = None
     views, survey, times = Views(), Survey((sight.view.width, sight.view.height)), list[float]()
@@ -206,7 +168,7 @@ def _survey_moving(again: ReadAgain, sight: _Sight) -> tuple[Survey, Canvas, lis
     return survey, travelled, times
 
 
-def _looked_at(again: ReadAgain, sight: _Sight, times: list[float]) -> Iterator[SourceFrame]:
+def _looked_at(again: ReadAgain, sight: Sight, times: list[float]) -> Iterator[SourceFrame]:
     """The frames of a first look that show the object; adds the moments that were read [s]."""
     due = -math.inf
     for frame in again(sparse=True):
@@ -218,7 +180,7 @@ def _looked_at(again: ReadAgain, sight: _Sight, times: list[float]) -> Iterator[
             yield frame
 
 
-def _parallax(sight: _Sight, times: list[float]) -> float:
+def _parallax(sight: Sight, times: list[float]) -> float:
     """By how much things behind the object can shift over the shot, by the frame's width [1].
 
     Those that are laid as if they were infinitely far, and stand where the object does, shift most.
@@ -234,41 +196,41 @@ def _parallax(sight: _Sight, times: list[float]) -> float:
     return camera.fx * travel / max(float(away), 1e-9) / camera.width
 
 
-def _same(one: Camera, other: Camera) -> bool:
-    """Whether two cameras see the same."""
-    lens = (one.fx, one.fy, one.cx, one.cy), (other.fx, other.fy, other.cx, other.cy)
-    poses = one.world_from_camera, other.world_from_camera
-    return np.allclose(*lens, rtol=_STILL, atol=0.0) and np.allclose(*poses, rtol=0.0, atol=_STILL)
+def _object_place(sight: Sight, canvas: Canvas, times: list[float]) -> Box:
+    """Where the object and what is close to it are over the shot, on the canvas."""
+    return _reached(sight, canvas, times, sight.place)
 
 
-def _object_place(sight: _Sight, canvas: Canvas, times: list[float]) -> Box:
-    """Where the object and its shadow are over the shot, on the canvas."""
+def _reached(
+    sight: Sight, canvas: Canvas, times: list[float], of: Callable[[float], Box]
+) -> Box:  # fmt: skip
     place = Box(0, 0, 0, 0)
     step = max(1, math.ceil(len(times) / _SAMPLES))
     for time_s in times[::step]:
-        seen = sight.place(time_s)
+        seen = of(time_s)
         if not seen.empty:
             place = place.union(canvas.reached(seen, sight.camera(time_s)))
     return place
 
 
 def _follow(
-    again: ReadAgain, sight: _Sight, canvas: Canvas, small: SmallBackground, place: Box,
-    end_s: float,
+    again: ReadAgain, sight: Sight, canvas: Canvas, small: SmallBackground, place: Box,
+    times: list[float],
 ) -> tuple[MovingForeground | None, float]:  # fmt: skip
     """The background around the object, and what moves before it; how steadily that goes [1]."""
-    large = place.width * place.height > LARGE_PX
+    wide = place.union(_reached(sight, canvas, times, sight.shadow))
+    large = wide.width * wide.height > LARGE_PX
     reservoir, tracks = Reservoir(most=FEW_KEPT if large else MOST_KEPT), Tracks()
     scale = canvas.size[0] / canvas.small_size[0], canvas.size[1] / canvas.small_size[1]
     cameras: dict[int, Camera] = {}
     for frame in again():
         picture, camera = frame.picture, sight.camera(frame.time_s)
-        if canvas.seen(place, camera).empty:
+        if canvas.seen(wide, camera).empty:
             continue
         roots, below = canvas.small(picture, camera), canvas.background(small, camera)
         taken = reservoir.takes_next
         change = gain(roots, below.roots)
-        reservoir.add(canvas.part(picture, camera, place) / change if taken else None)
+        reservoir.add(canvas.part(picture, camera, wide) / change if taken else None)
         shown = ~np.isnan(roots[..., 0])
         roots = below.normalised(roots)
         mask = things_mask(roots, below.roots, below.noise)
@@ -287,13 +249,13 @@ def _follow(
         nearness = 1.0 / depth if depth > 0.0 else math.inf
         tracks.add(frame.index, things, feet, nearness, (roots, mask))
         if frame.index % _CHECKED_EVERY == 0 and frame.time_s > 0.0:
-            left = max(0.0, end_s / frame.time_s - 1.0)
+            left = max(0.0, times[-1] / frame.time_s - 1.0)
             steadiness = tracks.steadiness(small.small(place), left)
             if steadiness < CERTAIN:
                 return None, steadiness
     light, noise = reservoir.median()
     light[reservoir.shown < LEAST_PICTURES] = np.nan
-    background = Background(box=place, roots=light, noise=noise)
+    background = Background(box=wide, roots=light, noise=noise)
     found = MovingForeground(
         canvas=canvas, small=small, background=background, things=tracks.ordered(), cameras=cameras
     )

@@ -11,11 +11,12 @@ from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_file import read_foreground
 from nlens_video.graph.moving_foreground import StillSurvey, find_moving_foreground
 from nlens_video.scene.scene import Scene
+from nlens_video.scene.scene_light import SceneLight
 
 
 def open_occlusion_source(
     objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
-    again: ReadAgain | None, seen: StillSurvey | None, *, asked_for: bool,
+    again: ReadAgain | None, seen: StillSurvey | None, light: SceneLight, *, asked_for: bool,
 ) -> tuple[OcclusionSource | None, Finding | None]:  # fmt: skip
     """The matte or depth file, what moves in the shot, or the plate's CoC.
 
@@ -26,6 +27,7 @@ def open_occlusion_source(
         estimate: F.
         again: reads the shot, None where it can be read only once or occlusion is not wanted.
         seen: as of `find_moving_foreground`.
+        light: likewise.
         asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
 
     Returns:
@@ -51,7 +53,9 @@ def open_occlusion_source(
         if real.found is not None:
             moving, finding = read_foreground(real.found)
         else:
-            moving, finding = find_moving_foreground(again, scene, view, objects.ground_y, seen)
+            moving, finding = find_moving_foreground(
+                again, scene, view, objects.ground_y, seen, light
+            )
         if moving is not None and finding.wanted:
             return OcclusionSource(
                 "what moves before the shot's background",

@@ -7,6 +7,7 @@ from pathlib import Path
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import OCCLUSION, EffectRequest
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
+from nlens_video.graph.builder import shadow_scene
 from nlens_video.graph.foreground_file import write_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.graph.pipeline_file import load_pipeline
@@ -42,8 +43,9 @@ def foreground_pass(settings: Settings, path: Path) -> bool:
         return False
     objects = settings.scene
     staged = stage(objects, load_scene(objects), view_of(settings, info))
+    light = shadow_scene(objects, staged.scene).light
     found, finding = find_moving_foreground(
-        again, staged.scene, staged.view, staged.objects.ground_y
+        again, staged.scene, staged.view, staged.objects.ground_y, None, light
     )
     with replacing(path) as partial:
         write_foreground(partial, found, finding)

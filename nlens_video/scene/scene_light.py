@@ -170,11 +170,22 @@ class SceneLight:
 
     def _toward_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
         """Direction (3,) to a sun of which all but the share of its light is given."""
-        if self.environment is not None:
+        if self.environment is not None or (self.sun is not None and self.sun.strength):
             return None
+        return self.toward_known_sun(camera, lights)
+
+    def toward_known_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
+        """Direction (3,) to the sun that files or options tell, None where none of them does.
+
+        Args:
+            camera: of the frame.
+            lights: the file's, at that moment.
+        """
         if self.sun is not None:
-            return None if self.sun.strength else _toward(self.sun, camera)
-        strongest = _strongest(self._lamps(lights) if self.count else ())
+            return _toward(self.sun, camera)
+        own = self._lamps(lights) if self.count else ()
+        around = () if self.environment is None else self.environment.lamps
+        strongest = _strongest((*own, *around))
         return None if strongest is None else -strongest[0].posed.direction
 
     def on_object(

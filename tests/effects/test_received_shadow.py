@@ -76,6 +76,23 @@ def test_shadow_of_a_card_lies_on_the_object_where_its_rays_are_blocked(scene, a
     assert seen >= 2
 
 
+def test_ground_is_known_as_far_as_the_object_casts_its_shadow_by_a_low_sun(scene):
+    toward, camera = walking_card.direction(110, 25), shots.camera()
+    shown = list(walking_card.frames(toward))
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    points, read_again = front_of_the_cube(), lambda *, sparse=False: iter(shown)
+    low_sun = SceneLight(0, sun=SunSettings(azimuth_deg=110.0, elevation_deg=25.0))
+    index, known = 26, []
+    for light in (None, low_sun):
+        moving, _ = find_moving_foreground(read_again, scene, view, 0.0, None, light)
+        picture = shown[index].picture
+        ground = ground_light(picture, moving.on_frame(index).background(picture))
+        known.append(sun_left(points, camera, 0.0, toward, ground, walking_card.LEFT))
+    lit = 1.0 - walking_card.blocked(points, toward, index)
+    assert known[0] is None and lit.mean() < 0.75
+    assert np.abs(known[1] - lit).mean() < (1.0 - lit).mean() / 3.0
+
+
 def test_what_is_out_of_view_or_covered_tells_nothing():
     camera, toward = shots.camera(), walking_card.direction(120, 35)
     points = front_of_the_cube()
