@@ -1,4 +1,4 @@
-"""Training on one CPU thread: cosine schedule over training time, checkpoints, learning curve."""
+"""Training on one CPU thread or a GPU: cosine schedule over training time, checkpoints, curve."""
 
 from __future__ import annotations
 
@@ -16,6 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
+
+Shown = float | Tensor
+"""A figure; of a run on a GPU a tensor, which is waited for only where it is shown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,16 +54,22 @@ class TrainingRun(ABC):
 
     Args:
         recipe: the schedule and what else a subclass needs.
+        device: where the weights lie, as torch names it.
     """
 
     EMA_DECAY: ClassVar[float | None] = None
     """Decay of the moving average of the weights; None: no average is kept."""
     BETAS: ClassVar[tuple[float, float]] = (0.9, 0.99)
 
-    def __init__(self, recipe: Any) -> None:  # noqa: ANN401  each subclass its own schedule
+    def __init__(
+        self,
+        recipe: Any,  # noqa: ANN401  each subclass its own schedule
+        device: str = "cpu",
+    ) -> None:
         torch.manual_seed(recipe.seed)
         self.recipe = recipe
-        self.network = self.build().to(memory_format=torch.channels_last)
+        self.device = torch.device(device)
+        self.network = self.build().to(self.device, memory_format=torch.channels_last)
         self.average = self.network
         if self.EMA_DECAY is not None:
             self.average = copy.deepcopy(self.network).eval()
@@ -75,7 +85,7 @@ class TrainingRun(ABC):
         """The network with fresh weights."""
 
     @abstractmethod
-    def loss(self, data: Any) -> tuple[Tensor, float]:  # noqa: ANN401  each subclass its own data
+    def loss(self, data: Any) -> tuple[Tensor, Shown]:  # noqa: ANN401  each subclass its own data
         """Loss of one random batch, and the figure that the log shows."""
 
     @property
@@ -83,7 +93,7 @@ class TrainingRun(ABC):
         """Share of the training time that has passed."""
         return self.trained_s / (60 * self.recipe.minutes)
 
-    def advance(self, data: Any) -> float:  # noqa: ANN401  as for `loss`
+    def advance(self, data: Any) -> Shown:  # noqa: ANN401  as for `loss`
         """One optimiser step; returns the figure for the log."""
         start = time.perf_counter()
         for group in self.optimiser.param_groups:
@@ -95,10 +105,9 @@ class TrainingRun(ABC):
         self.optimiser.step()
         if self.EMA_DECAY is not None:
             decay = min(self.EMA_DECAY, (self.step + 1) / (self.step + 10))
-            pairs = zip(self.average.parameters(), self.network.parameters(), strict=True)
+            slow, fast = (list(n.parameters()) for n in (self.average, self.network))
             with torch.no_grad():
-                for slow, fast in pairs:
-                    slow.lerp_(fast, 1 - decay)
+                get_ema_multi_avg_fn(decay)(slow, fast, self.step)
         self.step += 1
         self.trained_s += time.perf_counter() - start
         return shown
@@ -118,7 +127,7 @@ class TrainingRun(ABC):
 
     def load(self, path: Path) -> None:
         """Resume from a checkpoint (batches differ from those of an uninterrupted run)."""
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, weights_only=True, map_location=self.device)
         self.network.load_state_dict(state["network"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -138,7 +147,7 @@ class TrainingRun(ABC):
 
 def read_weights(path: Path) -> dict[str, Tensor]:
     """Weights in single precision: a checkpoint's averaged ones, or shipped ones."""
-    state = torch.load(path, weights_only=True)
+    state = torch.load(path, weights_only=True, map_location="cpu")
     return {name: value.float() for name, value in state.get("average", state).items()}
 
 
@@ -204,16 +213,21 @@ def train(
         run.load(checkpoint)
     elif options.begin_from:
         run.begin_from(options.begin_from)
-    recent, checked = 0.0, run.trained_s
+    recent: Shown = 0.0
+    checked = run.trained_s
     while run.progress < 1:
         value = run.advance(data)
         recent = value if run.step == 1 else recent * memory + (1 - memory) * value
         minutes = run.trained_s / 60
         if run.step % every_steps == 0:
-            print(f"{minutes:6.1f} min  step {run.step}  {shown(recent)}", flush=True)
+            print(f"{minutes:6.1f} min  step {run.step}  {shown(float(recent))}", flush=True)
         if run.trained_s - checked > check_every_s or run.progress >= 1:
             name, digits = figure
-            row = {"minutes": round(minutes, 2), "step": run.step, name: round(recent, digits)}
+            row = {
+                "minutes": round(minutes, 2),
+                "step": run.step,
+                name: round(float(recent), digits),
+            }
             append_row(options.out / "curve.csv", {**row, **validate()})
             run.save(checkpoint)
             checked = run.trained_s

@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 import itertools
 import json
+import multiprocessing
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -28,10 +30,7 @@ HARD_SHARE = 0.55  # of the pictures show one long ground that is hard to read
 def draw_picture(
     rng: np.random.Generator, photos: Photos, hard_share: float
 ) -> tuple[npt.NDArray[np.uint8], Float32]:
-    """A picture uint8 (SIZE, SIZE, 3) and its unsigned CoC diameter (SIZE, SIZE) [px].
-
-    With a `hard_share` of 0 a seed still draws the picture that it drew before there were any.
-    """
+    """A picture uint8 (SIZE, SIZE, 3) and its unsigned CoC diameter (SIZE, SIZE) [px]."""
     if hard_share and rng.random() < hard_share:
         return draw_long_ground(rng, photos)
     return draw_scene(rng, photos)
@@ -106,6 +105,48 @@ def contact_sheet(
     cv2.imwrite(str(path), np.vstack(strips))
 
 
+def fill(
+    reservoir: Reservoir,
+    draw: Callable[[int], tuple[npt.NDArray[np.uint8], Float32]],
+    count: int | None,
+    workers: int = 1,
+) -> None:
+    """Append what `draw` makes of index after index; by one worker in their order.
+
+    Args:
+        reservoir: it is begun, or goes on.
+        draw: picture and CoC [px] of an index.
+        count: pictures that are drawn in all; None: without end.
+        workers: processes that draw; several append in the order in which they are ready.
+    """
+    first, start = reservoir.drawn, time.time()
+    if workers > 1:
+        draw(first)  # compiles the scatter once, before there are processes
+    processes = multiprocessing.get_context("fork")
+    writing = processes.Lock()
+
+    def work(turn: int) -> None:
+        for index in itertools.count(first + turn, workers):
+            if count is not None and index >= count:
+                return
+            picture, coc = draw(index)
+            with writing:
+                reservoir.append(picture, coc)
+                if reservoir.drawn % 500 == 0:
+                    print(f"{reservoir.drawn} pictures, {time.time() - start:.0f} s", flush=True)
+
+    if workers == 1:
+        work(0)
+        return
+    started = [processes.Process(target=work, args=(turn,)) for turn in range(workers)]
+    for process in started:
+        process.start()
+    for process in started:
+        process.join()
+        if process.exitcode:
+            raise RuntimeError(f"a process that draws ended with code {process.exitcode}")
+
+
 def main() -> None:
     """Fill a reservoir, or write a contact sheet."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -116,6 +157,7 @@ def main() -> None:
     parser.add_argument("--endless", action="store_true", help="go on, replacing the oldest")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--hard", type=float, default=HARD_SHARE, help="share of long grounds")
+    parser.add_argument("--workers", type=int, default=1, help="processes that draw")
     parser.add_argument("--sheet", type=Path, help="write a contact sheet there and stop")
     options = parser.parse_args()
     cv2.setNumThreads(1)
@@ -123,16 +165,14 @@ def main() -> None:
     if options.sheet:
         contact_sheet(options.seed, photos, options.hard, options.sheet)
         return
-    reservoir = Reservoir(options.out, options.count)
-    start = time.time()
-    for index in itertools.count(reservoir.drawn):
-        if index >= options.count and not options.endless:
-            break
-        rng = np.random.default_rng([options.seed, index])
-        picture, coc = draw_picture(rng, photos, options.hard)
-        reservoir.append(picture, coc)
-        if index % 500 == 0:
-            print(f"{index} pictures, {time.time() - start:.0f} s", flush=True)
+    fill(
+        Reservoir(options.out, options.count),
+        lambda index: draw_picture(
+            np.random.default_rng([options.seed, index]), photos, options.hard
+        ),
+        None if options.endless else options.count,
+        options.workers,
+    )
 
 
 if __name__ == "__main__":

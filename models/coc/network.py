@@ -67,7 +67,8 @@ class CocNet(nn.Module):
 
     def forward(self, picture: Tensor) -> Tensor:
         """Log-CoC and its log-scale; H and W multiples of STRIDE."""
-        with torch.autocast("cpu", enabled=False):  # faint texture needs the full precision
+        kind = picture.device.type
+        with torch.autocast(kind, enabled=False):  # faint texture needs the full precision
             features = self.stem(F.pixel_unshuffle(with_contrast(picture.float()), 2))
         levels = [self.encode[0](features)]
         for down, encode in zip(self.down, self.encode[1:], strict=True):
@@ -76,7 +77,7 @@ class CocNet(nn.Module):
         for lateral, decode in zip(self.lateral, self.decode, strict=True):
             raised = F.interpolate(lateral(features), scale_factor=2, mode="bilinear")
             features = decode(levels.pop() + raised)
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(kind, enabled=False):
             answer = self.answer(self.head(features.float()))
         log_coc = answer[:, :1]
         log_scale = answer[:, 1:].clamp(MIN_LOG_SCALE, MAX_LOG_SCALE)

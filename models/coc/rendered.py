@@ -29,11 +29,11 @@ CROP = SIZE + 2 * MARGIN  # what softens or moves a picture needs to see beyond 
 
 @dataclass(frozen=True, slots=True)
 class Plate:
-    """A rendered picture and its truth.
+    """A rendered picture and its truth, both mirrored beyond the border by MARGIN.
 
     Attributes:
-        light: scene-linear light (H, W, 3).
-        coc: unsigned CoC diameter (H, W) [px].
+        light: scene-linear light (H + 2 MARGIN, W + 2 MARGIN, 3).
+        coc: unsigned CoC diameter, likewise [px].
     """
 
     light: Float32
@@ -49,12 +49,17 @@ class Plate:
         channels = OpenEXR.File(str(folder / "bg.exr")).channels()
         light = np.asarray(channels["RGB"].pixels, np.float32)
         coc = np.abs(np.load(folder / "bg_coc.npy").astype(np.float32))
-        if light.shape[:2] != coc.shape or min(coc.shape) < CROP:
+        if light.shape[:2] != coc.shape or min(coc.shape) < SIZE:
             raise ValueError(
                 f"{folder}: light {light.shape[:2]} and CoC {coc.shape}, "
-                f"expected the same size, {CROP} px or more each way"
+                f"expected the same size, {SIZE} px or more each way"
             )
-        return cls(light, coc)
+        return cls(mirrored(light), mirrored(coc))
+
+
+def mirrored(part: Float32) -> Float32:
+    """A picture with its mirror image beyond the border, MARGIN wide."""
+    return np.asarray(cv2.copyMakeBorder(part, *[MARGIN] * 4, cv2.BORDER_REFLECT_101), np.float32)
 
 
 def plate_folders(folder: Path) -> list[Path]:

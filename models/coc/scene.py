@@ -26,11 +26,11 @@ from models.coc.textures import GRAINED_SHARE, Photos, grained, noise, surface
 
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
-SIZE = 384  # edge of a finished picture: the network learns to look as far around [px]
+SIZE = 512  # edge of a finished picture: the network learns to look as far around [px]
 MARGIN = 32  # what light can come from beyond the border [px]
 MAX_COC_PX = 64.0
 PHOTO_SHARE = 0.4
-TEXTURE_SIZE = 512
+TEXTURE_SIZE = 648
 RENDERED_SHARE = 0.45  # of the pictures carry the noise of a lens sampled by a path tracer
 
 

@@ -1,10 +1,10 @@
-"""Train the CoC network on a reservoir of drawn pictures, on one CPU thread.
+"""Train the CoC network on a reservoir of drawn pictures, on one CPU thread or a GPU.
 
     python -m models.coc.train --data /tmp/coc_data --validation /tmp/coc_val --out /tmp/coc_run \
-        --minutes 80 [--plates FOLDER]
+        --minutes 80 [--device cuda --pictures 24] [--plates FOLDER]
 
 The schedule follows training time, not steps: learning rate along a cosine, crops of 256 px, then
-whole pictures of 384 px for the second half. An interrupted run resumes from its checkpoint.
+whole pictures for the second half. An interrupted run resumes from its checkpoint.
 """
 
 from __future__ import annotations
@@ -24,10 +24,9 @@ from models.coc.network import CocNet, coc_and_sigma, laplace_loss
 from models.coc.scene import SIZE
 from models.training import Schedule, TrainingRun, arguments, train
 
-NEWEST = 9000  # batches come from the newest pictures, so that a better generator soon takes over
-RENDERED_SHARE = 0.2  # of a batch, when there are rendered pictures
+RENDERED_SHARE = 0.12  # of a batch, when there are rendered pictures
 LARGE_CROPS_FROM = 0.5  # share of the time
-CHECK_EVERY_S = 600.0
+CPU = torch.device("cpu")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +42,7 @@ class Recipe(Schedule):
     minutes: float = 80.0
     rate: float = 1.2e-3
     warm_up_steps: int = 300
-    pixels: int = 2 * 384 * 384
+    pixels: int = 2 * SIZE * SIZE
     crop: int = 256
     beta: float = 0.5
 
@@ -66,34 +65,40 @@ class Source:
         data = self._drawn
         if self._rendered and self._rendered.drawn and rng.random() < RENDERED_SHARE:
             data = self._rendered
-        drawn = data.drawn
-        oldest = max(0, drawn - min(len(data.pictures), NEWEST))
-        return data, int(rng.integers(oldest, drawn)) % len(data.pictures)
+        return data, int(rng.integers(min(data.drawn, len(data.pictures))))
 
 
 def draw_batch(
-    rng: np.random.Generator, source: Source, crop: int, count: int
+    rng: np.random.Generator, source: Source, crop: int, count: int, device: torch.device = CPU
 ) -> tuple[Tensor, Tensor]:
     """Random crops, turned and re-exposed a little: RGB (n, 3, c, c) and CoC (n, c/4, c/4)."""
     side = crop // LABEL_STEP
-    pictures = np.empty((count, crop, crop, 3), np.float32)
-    labels = np.empty((count, side, side), np.float32)
+    pictures = np.empty((count, crop, crop, 3), np.uint8)
+    labels = np.empty((count, side, side), np.float16)
     for i in range(count):
         data, index = source.pick(rng)
         y, x = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, 2)
         rows, columns = (slice(at * LABEL_STEP, at * LABEL_STEP + crop) for at in (y, x))
-        picture = np.rot90(data.pictures[index, rows, columns], turns := int(rng.integers(4)))
-        target = np.rot90(data.labels[index, y : y + side, x : x + side], turns)
-        flip = int(rng.integers(2)) * 2 - 1
-        pictures[i], labels[i] = picture[:, ::flip], target[:, ::flip]
-    rgb = torch.from_numpy(pictures).permute(0, 3, 1, 2) / 255
-    gain = torch.from_numpy(np.exp(rng.normal(0, 0.06, (count, 3, 1, 1))).astype(np.float32))
-    level = torch.from_numpy(
-        np.maximum(0, rng.normal(-0.5, 1, (count, 1, 1, 1))).astype(np.float32)
-    )
-    seed = torch.Generator().manual_seed(int(rng.integers(2**31)))
-    grain = torch.randn(rgb.shape, generator=seed) * (level / 255)
-    return (rgb * gain + grain).clamp(0, 1), torch.from_numpy(labels)
+        pictures[i] = data.pictures[index, rows, columns]
+        labels[i] = data.labels[index, y : y + side, x : x + side]
+    rgb, coc = (_moved(torch.from_numpy(part), device) for part in (pictures, labels))
+    rgb = rgb.permute(0, 3, 1, 2).float() / 255
+    turns, flips = rng.integers(4, size=count), rng.integers(2, size=count)
+    for i, (turn, flip) in enumerate(zip(turns, flips, strict=True)):
+        for part in (rgb, coc):
+            turned = torch.rot90(part[i], int(turn), (-2, -1))
+            part[i] = turned.flip(-1) if flip else turned.clone()
+    gain = np.exp(rng.normal(0, 0.06, (count, 3, 1, 1)))
+    level = np.maximum(0, rng.normal(-0.5, 1, (count, 1, 1, 1))) / 255
+    gain, level = (_moved(torch.from_numpy(np.float32(part)), device) for part in (gain, level))
+    seed = torch.Generator(device).manual_seed(int(rng.integers(2**31)))
+    grain = level * torch.randn(rgb.shape, generator=seed, device=device)
+    return (rgb * gain + grain).clamp(0, 1), coc.float()
+
+
+def _moved(part: Tensor, device: torch.device) -> Tensor:
+    """A tensor on the device; a GPU goes on working meanwhile."""
+    return part if device.type == "cpu" else part.pin_memory().to(device, non_blocking=True)
 
 
 class Run(TrainingRun):
@@ -105,14 +110,15 @@ class Run(TrainingRun):
         """The CoC network."""
         return CocNet()
 
-    def loss(self, data: Source) -> tuple[Tensor, float]:
+    def loss(self, data: Source) -> tuple[Tensor, Tensor]:
         """Beta-NLL of a batch, and its negative log-likelihood."""
         crop = self.recipe.crop_at(self.progress)
-        rgb, coc = draw_batch(self.rng, data, crop, max(1, self.recipe.pixels // crop**2))
-        with torch.autocast("cpu", dtype=torch.bfloat16):
+        count = max(1, self.recipe.pixels // crop**2)
+        rgb, coc = draw_batch(self.rng, data, crop, count, self.device)
+        with torch.autocast(self.device.type, dtype=torch.bfloat16):
             answer = self.network(rgb.contiguous(memory_format=torch.channels_last))
         loss, likelihood = laplace_loss(answer, coc, self.recipe.beta)
-        return loss, float(likelihood.detach())
+        return loss, likelihood.detach()
 
     def completed(self, weights: dict[str, Tensor]) -> dict[str, Tensor]:
         """The weights, with residual blocks that they lack begun as the identity."""
@@ -120,13 +126,17 @@ class Run(TrainingRun):
         return {name: weights.get(name, value * (".second." not in name)) for name, value in fresh}
 
 
+def _where(network: CocNet) -> torch.device:
+    return next(network.parameters()).device
+
+
 def torch_estimate(network: CocNet) -> Estimate:
     """An estimator on pictures whose sides are multiples of 32."""
 
     def estimate(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         with torch.inference_mode():
-            answer = network(torch.from_numpy(rgb).permute(2, 0, 1)[None])
-            maps = [part[0].numpy() for part in coc_and_sigma(answer)]
+            answer = network(_moved(torch.from_numpy(rgb), _where(network)).permute(2, 0, 1)[None])
+            maps = [part[0].cpu().numpy() for part in coc_and_sigma(answer)]
         size = (rgb.shape[1], rgb.shape[0])
         coc, sigma = (cv2.resize(part, size, interpolation=cv2.INTER_LINEAR) for part in maps)
         return coc, sigma
@@ -140,12 +150,15 @@ def validate(network: CocNet, data: Reservoir) -> tuple[float, Figures]:
     losses, maps = [], []
     for first in range(0, count, 16):
         part = slice(first, min(first + 16, count))
-        rgb = torch.from_numpy(np.float32(data.pictures[part]) / 255).permute(0, 3, 1, 2)
-        truth = torch.from_numpy(np.float32(data.labels[part]))
+        rgb, truth = (
+            _moved(torch.from_numpy(np.float32(values)), _where(network))
+            for values in (data.pictures[part], data.labels[part])
+        )
+        rgb = rgb.permute(0, 3, 1, 2) / 255
         with torch.inference_mode():
             answer = network(rgb)
             losses.append(float(laplace_loss(answer, truth)[1]) * len(rgb))
-            maps.append(torch.stack([*coc_and_sigma(answer), truth]).numpy())
+            maps.append(torch.stack([*coc_and_sigma(answer), truth]).cpu().numpy())
     coc, sigma, truth_px = np.concatenate(maps, 1)
     return sum(losses) / count, figures("held-out", coc, sigma, truth_px)
 
@@ -177,13 +190,24 @@ def main() -> None:
     parser.add_argument("--hard-validation", type=Path, help="another one, of long grounds")
     parser.add_argument("--plates", type=Path, help="rendered plates, for the log only")
     parser.add_argument("--crop", type=int, default=Recipe().crop, help="of the first half [px]")
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"))
+    parser.add_argument("--check-every", type=float, default=10.0, help="until a validation [min]")
+    parser.add_argument("--pictures", type=int, default=2, help="whole ones of a batch")
     options = parser.parse_args()
     torch.set_num_threads(1)
+    torch.backends.cudnn.benchmark = True
     cv2.setNumThreads(1)
-    run = Run(Recipe(minutes=options.minutes, rate=options.rate, crop=options.crop))
+    recipe = Recipe(
+        minutes=options.minutes,
+        rate=options.rate,
+        crop=options.crop,
+        pixels=options.pictures * SIZE**2,
+    )
+    run = Run(recipe, options.device)
     train(
         run, Source(options.data, options.rendered), options, lambda: held_out(run, options),
-        figure=("train_nll", 4), shown=lambda nll: f"nll {nll:.3f}", check_every_s=CHECK_EVERY_S,
+        figure=("train_nll", 4), shown=lambda nll: f"nll {nll:.3f}",
+        check_every_s=60 * options.check_every,
     )  # fmt: skip
 
 

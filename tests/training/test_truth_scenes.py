@@ -26,11 +26,11 @@ def plates(tmp_path):
     for name, level, coc in (("1_mid", 0.8, -7.0), ("2_back", 0.02, 12.0)):
         folder = tmp_path / "plates" / name
         folder.mkdir(parents=True)
-        light = np.float16(level * rng.random((480, 640, 1)) * np.ones(3))
+        light = np.float16(level * rng.random((512, 640, 1)) * np.ones(3))
         write_exr(
             folder / "bg.exr", {c: np.ascontiguousarray(light[..., i]) for i, c in enumerate("RGB")}
         )
-        np.save(folder / "bg_coc.npy", np.full((480, 640), coc, np.float16))
+        np.save(folder / "bg_coc.npy", np.full((512, 640), coc, np.float16))
     return tmp_path / "plates"
 
 
