@@ -53,6 +53,13 @@ def _why_no_torch() -> str:
 
 
 @functools.cache
+def _why_no_cuda() -> str:
+    from nlens_video.networks.device import why_no_cuda
+
+    return why_no_cuda()
+
+
+@functools.cache
 def _why_no_truth() -> str:
     found = (SHARED / "data").is_dir()
     return "" if found else f"no ground truth at {SHARED / 'data'}"
@@ -139,6 +146,7 @@ def _why_no_root() -> str:
 _NEEDS = {
     "needs_gl": ("REQUIRE_GL", _why_no_gl),
     "needs_torch": ("REQUIRE_TORCH", _why_no_torch),
+    "needs_cuda": ("REQUIRE_CUDA", _why_no_cuda),
     "needs_blender": ("REQUIRE_BLENDER", _why_no_blender),
     "needs_bpy": ("REQUIRE_BPY", _why_no_bpy),
     "needs_vapoursynth": ("REQUIRE_VAPOURSYNTH", _why_no_vapoursynth),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from argparse import Namespace
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 from nlens_video.cli.console import Console
@@ -17,7 +16,6 @@ from nlens_video.farm.job import PIECE_S, absolute, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, store_of
 from nlens_video.farm.tasks import Progress, Shot, plan
-from nlens_video.networks.device import choose
 from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
 from nlens_video.options.parser import parse
@@ -41,8 +39,7 @@ def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
         NlensError: as `run.render` and `merge`.
     """
     store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
-    run = _on_one_device(absolute(settings), args)
-    shot = Shot(settings=run, store=store, chunk_s=args.chunk)
+    shot = Shot(settings=absolute(settings), store=store, chunk_s=args.chunk)
     (result,) = _run_on_ray([shot], args, console)
     if isinstance(result, NlensError):
         raise result
@@ -60,7 +57,7 @@ def run_jobs(args: Namespace, console: Console) -> int:
     """
     shots = [
         Shot(
-            settings=_on_one_device(absolute(run), args),
+            settings=absolute(run),
             store=Folder(chunks_beside(output)),
             chunk_s=args.chunk,
         )
@@ -75,14 +72,6 @@ def run_jobs(args: Namespace, console: Console) -> int:
         [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
     )
     return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
-
-
-def _on_one_device(settings: Settings, args: Namespace) -> Settings:
-    """The settings with one device for all chunks: results of CPU and CUDA differ in last bits."""
-    if settings.device != "auto":
-        return settings
-    here = choose("auto").name == "cuda" and args.address is None
-    return replace(settings, device="cuda" if here else "cpu")
 
 
 def _run_on_ray(shots: list[Shot], args: Namespace, console: Console) -> list[Merged | NlensError]:

@@ -45,23 +45,20 @@ def choose(device: Device) -> DeviceChoice:
     """Choose where networks and kernels run.
 
     Args:
-        device: `auto` takes CUDA where it can be used.
+        device: `auto` is the CPU, which is faster (decision 031).
 
     Raises:
         UsageError: `cuda` is asked for and cannot be used.
     """
-    if device == "cpu":
-        return DeviceChoice("cpu", "as asked for")
-    missing = _why_no_cuda()
-    if not missing:
-        return DeviceChoice("cuda", "as asked for" if device == "cuda" else "a GPU is there")
-    if device == "cuda":
+    if device == "auto":
+        return DeviceChoice("cpu", "its kernels are faster than those for a GPU")
+    if device == "cuda" and (missing := why_no_cuda()):
         raise UsageError(f"--device cuda: {missing}; use --device cpu")
-    return DeviceChoice("cpu", missing)
+    return DeviceChoice(device, "as asked for")
 
 
-def _why_no_cuda() -> str:
-    """Why CUDA cannot be used; empty where it can."""
+def why_no_cuda() -> str:
+    """Why CUDA cannot be used, in a clause; empty where it can."""
     if importlib.util.find_spec("torch") is None:
         return "torch is not installed (pip install torch)"
     try:
