@@ -39,53 +39,51 @@ PLAYER = ROOT / "tests" / "support" / "gstreamer_player.py"
 
 
 @pytest.fixture
-def play(environment, plates):
-    """Plays what `gstreamer_player.py` calls so."""
-    plate = plates("bt709")
+def player(environment):
+    """Runs `gstreamer_player.py`."""
 
-    def run(what, **options):
-        words = {"glb": plate.glb, "fit": plate.fit, **OPTIONS, **options}
+    def run(what, properties, *more):
+        line = " ".join(f"{name.replace('_', '-')}={value}" for name, value in properties.items())
         run = subprocess.run(
-            ["python", PLAYER, what, *_properties(words)], env=environment, capture_output=True,
+            ["python", PLAYER, what, line, *map(str, more)], env=environment, capture_output=True,
             text=True, check=False, timeout=120,
         )  # fmt: skip
-        assert run.returncode == 0, run.stderr
+        if run.returncode:
+            raise RuntimeError(run.stderr)
         return json.loads(run.stdout)
 
     return run
 
 
-def _properties(options):
-    return [f"{name.replace('_', '-')}={value}" for name, value in options.items()]
+@pytest.fixture
+def play(player, plates):
+    """Plays what `gstreamer_player.py` calls so."""
+    plate = plates("bt709")
+    return lambda what: player(what, {"glb": plate.glb, "fit": plate.fit, **OPTIONS})
 
 
 @pytest.fixture
-def adapter(launch):
+def adapter(player):
     def composite(plate, options):
         frames = plate.frames()
         form, colour = FORMS[plate.pixel_format]
+        given, made = plate.folder / "in.raw", plate.folder / "out.raw"
         raw = b"".join(rows.tobytes() for frame in frames for rows in planes_of(frame))
-        (plate.folder / "in.raw").write_bytes(raw)
-        words = " ".join(_properties({"glb": plate.glb, **options}))
+        given.write_bytes(raw)
         caps = (
             f"video/x-raw,format={form},width=480,height=270,framerate={RATE}/1,"
             f"colorimetry={colour}"
         )
-        run = launch(
-            f"gst-launch-1.0 -v filesrc location=in.raw blocksize={len(raw) // len(frames)} "
-            f"! '{caps}' ! queue ! rawvideoparse use-sink-caps=true ! nlens {words} "
-            "! identity name=seen silent=false ! filesink location=out.raw",
-            plate.folder,
+        told = player(
+            "file", {"glb": plate.glb, **options}, caps, len(raw) // len(frames), given, made
         )
-        if run.returncode:
-            raise RuntimeError(run.stderr + run.stdout)
-        caps_out = re.findall(r"GstFileSink.*caps = (video/.*)", run.stdout)
-        assert caps_out and f"format=(string){form}," in caps_out[0]
-        assert f"colorimetry=(string){colour}" in caps_out[0]
-        times = re.findall(
-            r"chain .*?pts: 0:00:0(\d\.\d+), duration: 0:00:00\.040000000", run.stdout
-        )
-        return Composited(_planes(plate, frames), [Fraction(time) for time in times])
+        if errors := [said for name, said in told["messages"] if name == "error"]:
+            raise RuntimeError("\n".join(errors))
+        for frame in told["frames"]:
+            assert (frame["format"], frame["colorimetry"]) == (form, colour)
+            assert frame["duration"] == 40_000_000
+        times = [Fraction(frame["pts"], 10**9) for frame in told["frames"]]
+        return Composited(_planes(plate, frames), times)
 
     return composite
 

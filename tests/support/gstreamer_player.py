@@ -1,7 +1,8 @@
 """Plays pipelines with the element `nlens`, and prints what came out as JSON.
 
 Run by the Python that sees GStreamer's bindings: `gstreamer_player.py WHAT PROPERTIES`. The plate
-is a still test picture of 25 frames a second.
+is a still test picture of 25 frames a second, or a file: `gstreamer_player.py file PROPERTIES CAPS
+BYTES IN OUT`.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import hashlib
 import json
 import sys
 import time
+from pathlib import Path
 
 import gi
 
@@ -25,14 +27,30 @@ class Player:
     """A pipeline whose frames are taken one by one."""
 
     def __init__(self, properties: str, source: str = "num-buffers=12", after: str = "") -> None:
+        self._open(
+            f"videotestsrc {source} pattern=ball motion=sweep ! "
+            f"capsfilter name=form caps={FORM.format(*SIZES[0])}",
+            f"{properties} {after}",
+        )
+
+    @classmethod
+    def of_file(cls, properties: str, caps: str, frame_bytes: str, path: str) -> Player:
+        player = cls.__new__(cls)
+        player._open(
+            f"filesrc location={path} blocksize={frame_bytes} ! {caps} ! queue ! "
+            "rawvideoparse use-sink-caps=true",
+            properties,
+        )
+        return player
+
+    def _open(self, source: str, lens: str) -> None:
         Gst.init(None)
         self.pipeline = Gst.parse_launch(
-            f"videotestsrc {source} pattern=ball motion=sweep ! "
-            f"capsfilter name=form caps={FORM.format(*SIZES[0])} ! "
-            f"nlens name=lens {properties} {after} ! appsink name=out sync=false"
+            f"{source} ! nlens name=lens {lens} ! appsink name=out sync=false"
         )
         self.out = self.pipeline.get_by_name("out")
         self.messages: list[tuple[str, object]] = []
+        self.last = b""
 
     def start(self, state: Gst.State = Gst.State.PLAYING) -> None:
         self.pipeline.set_state(state)
@@ -45,9 +63,10 @@ class Player:
             return None
         buffer, form = sample.get_buffer(), sample.get_caps().get_structure(0)
         with buffer.map(Gst.MapFlags.READ) as mapped:
-            digest = hashlib.sha256(mapped.data).hexdigest()
+            self.last = bytes(mapped.data)
         return {
-            "pts": buffer.pts, "duration": buffer.duration, "samples": digest,
+            "pts": buffer.pts, "duration": buffer.duration,
+            "samples": hashlib.sha256(self.last).hexdigest(), "format": form.get_value("format"),
             "width": form.get_value("width"), "colorimetry": form.get_value("colorimetry"),
         }  # fmt: skip
 
@@ -84,6 +103,18 @@ def straight(properties: str) -> object:
     while ("eos", None) not in player.messages:  # it follows the last frame
         time.sleep(0.01)
         player.listen()
+    return {"frames": frames, "messages": player.stop()}
+
+
+def file(properties: str, caps: str, frame_bytes: str, path: str, out: str) -> object:
+    """A file of raw frames; the samples that come out lie in another."""
+    player = Player.of_file(properties, caps, frame_bytes, path)
+    player.start()
+    frames = []
+    with Path(out).open("wb") as made:
+        while (frame := player.frame()) is not None:
+            frames.append(frame)
+            made.write(player.last)
     return {"frames": frames, "messages": player.stop()}
 
 
@@ -140,4 +171,4 @@ def late(properties: str) -> object:
 
 
 if __name__ == "__main__":
-    print(json.dumps(globals()[sys.argv[1]](" ".join(sys.argv[2:]))))
+    print(json.dumps(globals()[sys.argv[1]](*sys.argv[2:])))
