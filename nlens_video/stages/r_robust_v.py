@@ -28,7 +28,7 @@ _SCAN_SAMPLES = 3000
 _FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
 _STEPS = 40
 _USUAL_FOCUS = 0.4  # deviation of the logarithm of the focused distance from the object's
-_ALIKE, _ALIKE_TOLD = 16.0, 4.0  # errors alike, by the squared standard errors of the slope
+_ALIKE, _ALIKE_TOLD = 6.0, 4.0  # errors alike, by the squared standard errors of the slope
 _TOLD_POWER = 6  # at two standard errors a slope is even odds, at four a certainty
 _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
