@@ -33,6 +33,7 @@ OUT = ROOT / "docs" / "lens"
 SHOT, FRAME = "in", 0
 COC_COLORS, SIGMA_COLORS = "viridis", "cividis"
 DRAWN_SAMPLES = 2500
+HEADROOM = 1.5  # above the line: discs of which F is unsure may be read several times as large
 
 
 def first_frame() -> tuple[np.ndarray, ShotValues, DefocusedLayer, np.ndarray]:
@@ -137,7 +138,9 @@ def draw_fit(regression: Regression) -> None:
         axes.plot(span, law(fit.slope * span + fit.intercept), "tab:blue", lw=2, label="fit")
         axes.set(xlabel="disparity (1 / m)", ylabel=label)
         axes.grid(alpha=0.3)
-    left.set_ylim(bottom=0.0)
+    top = HEADROOM * float(np.abs(fit.slope * span + fit.intercept).max())
+    left.set_ylim(0.0, top)
+    right.set_ylim(-top, 0.6 * top)
     right.legend(fontsize=8)
     figure.savefig(OUT / "fit.png", dpi=110)
     plt.close(figure)
