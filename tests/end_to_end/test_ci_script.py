@@ -7,7 +7,7 @@ import subprocess
 import pytest
 from support.folders import ROOT
 
-NOT_IN_CI = {"REQUIRE_MOUNT", "REQUIRE_TRUTH"}
+NOT_IN_CI = {"REQUIRE_CUDA", "REQUIRE_MOUNT", "REQUIRE_TRUTH"}
 """What a developer's machine alone has: the right to mount, and the ground truth."""
 MAKE = """\
 #!/bin/sh

@@ -216,7 +216,7 @@ def test_unfinished_plates_are_skipped_and_small_ones_refused(plates):
     (plates / "2_back").rename(plates / "2_back.new")
     (only,) = plate_folders(plates)
     np.save(only / "bg_coc.npy", np.zeros((100, 640), np.float16))
-    with pytest.raises(ValueError, match="expected the same size, 448 px or more"):
+    with pytest.raises(ValueError, match="expected the same size, 512 px or more"):
         Plate.load(only)
 
 
