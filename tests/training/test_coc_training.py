@@ -98,6 +98,35 @@ def test_sample_reservoir_replaces_its_oldest_entries(reservoir):
     assert (np.asarray(reservoir.pictures).std((1, 2, 3)) > 0).all()
 
 
+def test_several_workers_draw_what_one_draws(tmp_path):
+    from models.coc.data import Reservoir, fill
+    from models.coc.scene import SIZE
+
+    def draw(index):
+        return np.full((SIZE, SIZE, 3), index, np.uint8), np.full((SIZE, SIZE), index, np.float32)
+
+    for workers in (1, 3):
+        reservoir = Reservoir(tmp_path / str(workers), capacity=7)
+        fill(reservoir, draw, 7, workers)
+        assert reservoir.drawn == 7
+        drawn = [int(picture[0, 0, 0]) for picture in reservoir.pictures]
+        assert sorted(drawn) == list(range(7)) and (workers > 1 or drawn == list(range(7)))
+        np.testing.assert_allclose(reservoir.labels[:, 0, 0], drawn, rtol=1e-3)
+
+
+def test_worker_that_fails_ends_the_drawing(tmp_path):
+    from models.coc.data import Reservoir, fill
+    from models.coc.scene import SIZE
+
+    def draw(index):
+        if index == 3:
+            raise SystemExit(1)
+        return np.zeros((SIZE, SIZE, 3), np.uint8), np.zeros((SIZE, SIZE), np.float32)
+
+    with pytest.raises(RuntimeError, match="a process that draws ended with code 1"):
+        fill(Reservoir(tmp_path, capacity=6), draw, 6, workers=2)
+
+
 def test_training_resumes_from_a_checkpoint(reservoir, resume):
     from models.coc.train import Recipe, Run, Source, validate
 
