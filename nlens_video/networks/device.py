@@ -45,7 +45,7 @@ def choose(device: Device) -> DeviceChoice:
     """Choose where networks and kernels run.
 
     Args:
-        device: `auto` is the CPU, which is faster (decision 031).
+        device: `auto` is the CPU, which is faster (decision 074).
 
     Raises:
         UsageError: `cuda` is asked for and cannot be used.

@@ -26,27 +26,16 @@ WAIT = 20 * Gst.SECOND
 class Player:
     """A pipeline whose frames are taken one by one."""
 
-    def __init__(self, properties: str, source: str = "num-buffers=12", after: str = "") -> None:
-        self._open(
-            f"videotestsrc {source} pattern=ball motion=sweep ! "
-            f"capsfilter name=form caps={FORM.format(*SIZES[0])}",
-            f"{properties} {after}",
-        )
-
-    @classmethod
-    def of_file(cls, properties: str, caps: str, frame_bytes: str, path: str) -> Player:
-        player = cls.__new__(cls)
-        player._open(
-            f"filesrc location={path} blocksize={frame_bytes} ! {caps} ! queue ! "
-            "rawvideoparse use-sink-caps=true",
-            properties,
-        )
-        return player
-
-    def _open(self, source: str, lens: str) -> None:
+    def __init__(
+        self, properties: str, source: str = "num-buffers=12", after: str = "", plate: str = ""
+    ) -> None:
         Gst.init(None)
+        plate = plate or (
+            f"videotestsrc {source} pattern=ball motion=sweep ! "
+            f"capsfilter name=form caps={FORM.format(*SIZES[0])}"
+        )
         self.pipeline = Gst.parse_launch(
-            f"{source} ! nlens name=lens {lens} ! appsink name=out sync=false"
+            f"{plate} ! nlens name=lens {properties} {after} ! appsink name=out sync=false"
         )
         self.out = self.pipeline.get_by_name("out")
         self.messages: list[tuple[str, object]] = []
@@ -108,7 +97,8 @@ def straight(properties: str) -> object:
 
 def file(properties: str, caps: str, frame_bytes: str, path: str, out: str) -> object:
     """A file of raw frames; the samples that come out lie in another."""
-    player = Player.of_file(properties, caps, frame_bytes, path)
+    raw = f"filesrc location={path} blocksize={frame_bytes} ! {caps}"
+    player = Player(properties, plate=f"{raw} ! queue ! rawvideoparse use-sink-caps=true")
     player.start()
     frames = []
     with Path(out).open("wb") as made:
