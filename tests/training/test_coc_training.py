@@ -98,6 +98,7 @@ def test_sample_reservoir_replaces_its_oldest_entries(reservoir):
     assert (np.asarray(reservoir.pictures).std((1, 2, 3)) > 0).all()
 
 
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")  # from 3.12 on
 def test_several_workers_draw_what_one_draws(tmp_path):
     from models.coc.data import Reservoir, fill
     from models.coc.scene import SIZE
@@ -114,6 +115,7 @@ def test_several_workers_draw_what_one_draws(tmp_path):
         np.testing.assert_allclose(reservoir.labels[:, 0, 0], drawn, rtol=1e-3)
 
 
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")  # from 3.12 on
 def test_worker_that_fails_ends_the_drawing(tmp_path):
     from models.coc.data import Reservoir, fill
     from models.coc.scene import SIZE
