@@ -20,6 +20,7 @@ PAGES = {
     "models/coc/README.md": "models/coc.md",
     "models/reblur/README.md": "models/reblur.md",
     "models/camera/README.md": "models/camera.md",
+    "models/sun/README.md": "models/sun.md",
     "models/paper/README.md": "models/paper.md",
     "benchmarks/README.md": "benchmarks.md",
     "CHANGELOG.md": "changes.md",

@@ -95,7 +95,7 @@ class Compositor:
         env: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
         env_rotation: turn of the map about the vertical [deg].
         env_exposure: brightness of the map in stops, None for the frame's level [EV].
-        sun: to the right of the view, above the horizon [deg], and strength by all other light.
+        sun: to the right of the view, above the horizon [deg], and strength; "none" for no sun.
         shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
         holdout: matte or depth of what stands in front of the object.
         occlusion: `auto` finds what stands in front by the frame's blur.
@@ -150,7 +150,7 @@ class Compositor:
         env: str | Path | None = None,
         env_rotation: float | None = None,
         env_exposure: float | None = None,
-        sun: tuple[float, ...] | None = None,
+        sun: tuple[float, ...] | Literal["none"] | None = None,
         shadow_strength: float | None = None,
         holdout: str | Path | None = None,
         occlusion: Occlusion | None = None,

@@ -83,6 +83,14 @@ class SunSettings:
     elevation_deg: float
     strength: float | None = None
 
+    @property
+    def shines(self) -> bool:
+        """Whether it gives light: one of strength 0 stands for no sun at all."""
+        return self.strength != 0.0
+
+
+NO_SUN = SunSettings(azimuth_deg=0.0, elevation_deg=90.0, strength=0.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LightSettings:
@@ -92,7 +100,8 @@ class LightSettings:
         env: equirectangular map of the surroundings, None to estimate them from the plate.
         env_rotation_deg: turn of the map about the up axis, counter-clockwise from above [deg].
         env_exposure_ev: brightness of the map in stops, 0 as it is, None as the plate's level [EV].
-        sun: a sun, which takes its part of the plate's level; None for none.
+        sun: a sun, which takes its part of the plate's level; None for the file's, or, where
+            nothing tells the light, for one that the plate's shadows tell.
         shadow_strength: 1 as the light has it, 0 none, up to 2; above 0 the shadow is on even of
             pre-rendered layers, None leaves that to `effects` [1].
     """

@@ -16,6 +16,7 @@ from nlens_video.graph.base.context import (
     DepthOrder,
     NodeContext,
     ShadowScene,
+    SunReader,
 )
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
@@ -26,11 +27,13 @@ from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.networks.device import DeviceChoice
+from nlens_video.scene.plate_sun import plate_sun
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 
 if TYPE_CHECKING:
     from nlens_video.networks.onnx_networks import OnnxRepairNetwork
+    from nlens_video.networks.sun_network import OnnxSunNetwork
     from nlens_video.stages.f_coc import EstimateCoc
     from nlens_video.stages.l_depth_order import RepairDepthOrder
 
@@ -85,6 +88,7 @@ def open_dependencies(
         unit_m=view.unit_m,
         aperture=effects.aperture,
         renderer=source.renderer if isinstance(source, RenderedObject) else None,
+        read_sun=lazy_sun_reader(),
         repair=lazy_depth_order(view.pixel_aspect, device),
         spread=device.spread,
         shadow_scene=ground,
@@ -146,6 +150,19 @@ def lazy_coc_estimator(pixel_aspect: float, device: DeviceChoice) -> CocEstimato
         return EstimateCoc(OnnxCocNetwork(find_model("coc").path, device=device), pixel_aspect)
 
     return lambda picture, following: estimator()(picture, following)
+
+
+def lazy_sun_reader() -> SunReader:
+    """Reads the sun off a plate; its network is loaded by the first."""
+
+    @cache
+    def network() -> OnnxSunNetwork:
+        from nlens_video.networks.model_store import find_model
+        from nlens_video.networks.sun_network import OnnxSunNetwork
+
+        return OnnxSunNetwork(find_model("sun").path)
+
+    return lambda plate, camera: plate_sun(network(), plate, camera)
 
 
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:

@@ -144,12 +144,13 @@ class GraphExecutor:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Notes for the user on the lens, as of now."""
+        """Notes for the user, on the lens and of the nodes, as of now."""
         found, live = self.shot.found_lens, self._live
         return (
             *([found.warning] if found is not None and found.warning else []),
             *([self._track.describe()] if self._track is not None else []),
             *([live.describe()] if live is not None and live.fits > 1 else []),
+            *(note for node in self.graph.nodes for note in node.notes),
         )
 
     def pin_fit(self, fit: LensFit) -> None:

@@ -106,7 +106,8 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="light.env_exposure_ev", parameter=True),
         Option("--sun", SHOT, "AZ,EL", read.sun,
                "a sun in place of the file's: degrees right of the view, and up; AZ,EL,S: S "
-               "times other light (default: as the plate's shadows show, else 2)",
+               "times other light (default: as the plate's shadows show, else 2); none: no sun, "
+               "not even one that the plate's shadows tell",
                feeds="light.sun", parameter=True),
         Option("--shadow-strength", SHOT, "S", read.between(0, 2, "a number from 0 to 2"),
                "0 none, 1 as the light has it, up to 2; a shadow even of layers",

@@ -14,7 +14,7 @@ from pathlib import Path
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import KnownLens, parse_lens
 from nlens_video.core.placement import Region
-from nlens_video.core.settings import SunSettings, TrackFocus
+from nlens_video.core.settings import NO_SUN, SunSettings, TrackFocus
 from nlens_video.video.named_files import input_name, output_name
 
 _LARGEST = 1e9
@@ -97,7 +97,9 @@ def light_around(text: str) -> Path | None:
 
 
 def sun(text: str) -> SunSettings:
-    """A sun from `AZ,EL` or `AZ,EL,STRENGTH`."""
+    """A sun from `AZ,EL` or `AZ,EL,STRENGTH`; no sun from `none`."""
+    if text == "none":
+        return NO_SUN
     values = [_float(part) for part in text.split(",")]
     if (
         len(values) not in (2, 3)
@@ -106,8 +108,8 @@ def sun(text: str) -> SunSettings:
         or not 0.0 < (values[2] if values[2:] else 1.0) <= _STRONGEST_SUN
     ):
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not AZ,EL or AZ,EL,STRENGTH, such as 60,35 (from the right of where the "
-            "camera looks, 35 degrees up; above 0 to 90) or 60,35,3 (up to 100)"
+            f"{text!r} is not none, AZ,EL or AZ,EL,STRENGTH, such as 60,35 (from the right of "
+            "where the camera looks, 35 degrees up; above 0 to 90) or 60,35,3 (up to 100)"
         )
     strength = values[2] if values[2:] else None
     return SunSettings(azimuth_deg=values[0], elevation_deg=values[1], strength=strength)

@@ -22,8 +22,11 @@ from nlens_video.scene.illumination import (
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
 from nlens_video.scene.plate_shadows import share_in_shadow
+from nlens_video.scene.plate_sun import PlateSun, level_axes
 
 _SUN_DIAMETER = math.radians(0.53)
+_SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is known that well
+_ON_OBJECT = 0.5  # exponent of what its shadow leaves, for its share on the object: level unsure
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
 _STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
@@ -53,6 +56,11 @@ class SceneLight:
         return self.environment is not None and self.exposure_given and self.sun is None
 
     @property
+    def taken_from_plate(self) -> bool:
+        """Whether the plate alone gives the light, and with it a sun if it shows one."""
+        return self.count == 0 and self.environment is None and self.sun is None
+
+    @property
     def note(self) -> Note:
         """Description of the light sources."""
         found = []
@@ -61,7 +69,8 @@ class SceneLight:
         if self.sun is not None:
             sun_ = self.sun
             strength = "" if sun_.strength is None else f",{sun_.strength:g}"
-            found.append(f"--sun {sun_.azimuth_deg:g},{sun_.elevation_deg:g}{strength}")
+            where = f"{sun_.azimuth_deg:g},{sun_.elevation_deg:g}{strength}"
+            found.append(f"--sun {where if sun_.shines else 'none'}")
         if self.environment is not None:
             count = len(self.environment.lamps)
             level = "" if self.exposure_given else ", at the plate's level"
@@ -77,9 +86,9 @@ class SceneLight:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
-                f"{text}: level and tint as seen, its direction a guess; where the plate shows "
-                "hard shadows, --sun AZ,EL casts such a one (degrees right of the view, and up); "
-                "--env-map MAP.hdr gives all light",
+                f"{text}: level and tint as seen, and a sun where shadows on its ground tell one; "
+                "--sun AZ,EL gives it (degrees right of the view, and up), --sun none leaves it "
+                "out; --env-map MAP.hdr gives all light",
                 NoteKind.LIGHTS_MISSING,
             )
         return Note(text, NoteKind.INFORMATION)
@@ -120,6 +129,7 @@ class SceneLight:
         camera: Camera,
         seat: Seat,
         lights: tuple[PosedLight, ...],
+        seen: PlateSun | None = None,
     ) -> Illumination:
         """Light around the object, its level shared with the sun if there is one.
 
@@ -131,12 +141,19 @@ class SceneLight:
             camera: of the frame that it shows.
             seat: where the object stands.
             lights: the file's, at that moment.
+            seen: a sun that the plate tells of; used where nothing else tells the light.
         """
-        toward = self._toward_sun(camera, lights)
+        if seen is not None and self.taken_from_plate:
+            toward = toward_sun(seen.settings, camera)
+            measured = share_in_shadow(picture, camera, seat.ground_y, toward)
+            shade: Float64 = np.full(3, seen.left) if measured is None else measured
+            found = _with_sun(light, seen.settings, camera, seat, shade**_ON_OBJECT, _SEEN_DIAMETER)
+            return replace(found, shadow_left=shade)
+        known = self._toward_sun(camera, lights)
         left = None
-        if toward is not None:
-            left = share_in_shadow(picture, camera, seat.ground_y, toward)
-        if self.sun is not None:
+        if known is not None:
+            left = share_in_shadow(picture, camera, seat.ground_y, known)
+        if self.sun is not None and self.sun.shines:
             light = _with_sun(light, self.sun, camera, seat, left)
         return light if left is None else replace(light, shadow_left=left)
 
@@ -155,7 +172,7 @@ class SceneLight:
             return None
         if self.environment is not None:
             return found[0]
-        toward = None if self.sun is None else _toward(self.sun, camera)
+        toward = None if self.sun is None else toward_sun(self.sun, camera)
         if toward is None:
             own = _strongest(self._lamps(lights) if self.count else ())
             toward = None if own is None else -own[0].posed.direction
@@ -170,7 +187,7 @@ class SceneLight:
 
     def _toward_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
         """Direction (3,) to a sun of which all but the share of its light is given."""
-        if self.environment is not None or (self.sun is not None and self.sun.strength):
+        if self.environment is not None or (self.sun is not None and self.sun.strength is not None):
             return None
         return self.toward_known_sun(camera, lights)
 
@@ -182,7 +199,7 @@ class SceneLight:
             lights: the file's, at that moment.
         """
         if self.sun is not None:
-            return _toward(self.sun, camera)
+            return toward_sun(self.sun, camera) if self.sun.shines else None
         own = self._lamps(lights) if self.count else ()
         around = () if self.environment is None else self.environment.lamps
         strongest = _strongest((*own, *around))
@@ -242,7 +259,12 @@ def _as_shaded(light: Illumination, left: Float64) -> Illumination:
 
 
 def _with_sun(
-    light: Illumination, given: SunSettings, camera: Camera, seat: Seat, left: Float64 | None
+    light: Illumination,
+    given: SunSettings,
+    camera: Camera,
+    seat: Seat,
+    left: Float64 | None,
+    diameter: float = _SUN_DIAMETER,
 ) -> Illumination:
     """The light with its level shared between a sun and what it was."""
     level = light.on_plane(seat.foot)
@@ -251,20 +273,13 @@ def _with_sun(
         share = given.strength / (1.0 + given.strength)
     elif left is not None:
         share = 1.0 - float(left @ LUMINANCE)
-    toward = _toward(given, camera)
+    toward = toward_sun(given, camera)
     lamp = sun(share * level / toward[1], -toward)
     rest = light.scaled(1.0 - share)
-    return replace(rest, lamps=(Lamp(lamp, _SUN_DIAMETER), *rest.lamps))
+    return replace(rest, lamps=(Lamp(lamp, diameter), *rest.lamps))
 
 
-def level_axes(camera: Camera) -> tuple[Float64, Float64, Float64]:
-    """Directions (3,) to the right of a camera's view, up, and where it looks, all level but up."""
-    right = camera.world_from_camera[:3, 0] * (1.0, 0.0, 1.0)
-    right = right / max(float(np.linalg.norm(right)), 1e-9)
-    return right, np.array([0.0, 1.0, 0.0]), np.array([right[2], 0.0, -right[0]])
-
-
-def _toward(given: SunSettings, camera: Camera) -> Float64:
+def toward_sun(given: SunSettings, camera: Camera) -> Float64:
     """Direction (3,) towards a sun whose azimuth counts from where the camera looks."""
     azimuth, elevation = math.radians(given.azimuth_deg), math.radians(given.elevation_deg)
     right, up, forward = level_axes(camera)

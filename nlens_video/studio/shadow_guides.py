@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.scene_light import level_axes
+from nlens_video.scene.plate_sun import level_axes
 
 _SIDES = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 

@@ -21,20 +21,24 @@ from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.evaluate.bench.case import plate_case
+from nlens_video.evaluate.composite.light_cases import (
+    AROUND,
+    GUESSED,
+    LIGHTS,
+    MAP,
+    light_cases,
+)
 from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
-from nlens_video.scene.environment import load_environment
-from nlens_video.scene.illumination import LUMINANCE, Illumination
-from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
+from nlens_video.scene.illumination import LUMINANCE
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import FAR, read_exr
 from nlens_video.video.pixels.picture import ArrayPicture
 
-TRUTH, DEPTH, MAP, LAYER = "gt.png", "bg_depth.exr", "env.hdr", "object.exr"
+TRUTH, DEPTH, LAYER = "gt.png", "bg_depth.exr", "object.exr"
 NONE = "no shadow"
-CASES = GUESSED, LIGHTS, AROUND = "GLB without lights", "with its lights", "with its map"
 _HALF = 0.5  # coverage from which a pixel belongs to a mask [1]
 _ON_GROUND = 0.02  # share of its distance by which a point of the ground may miss the plane
 _SHADED = 0.9  # what is darker in the truth lies in the shadow [1]
@@ -141,7 +145,7 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
 
     depth = DepthMap(np.where((real > 0.0) & (real < FAR), real, np.float32(np.inf)))
     found, there = _Rows(), _Rows()
-    for row, (_, light) in {NONE: (None, None), **_lights(plate)}.items():
+    for row, (_, light) in {NONE: (None, None), **light_cases(plate)}.items():
         plane = None if light is None else CastShadow()(moments, light, plate.ground_y, case.fit)
         if (dark & ground).any():
             found[row] = figures(plane, dark & ground)
@@ -152,27 +156,6 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
             seen = CastOnThings()(plane, moments, light, plate.ground_y, case.fit, depth)
             there[f"{row}, by the depth"] = figures(seen, dark & ~ground)
     return found, there
-
-
-def _lights(plate: Plate) -> dict[str, tuple[Illumination, Illumination]]:
-    """The light of each case on the object, and on the ground."""
-    lights = plate.scene.pose(0.0).lights
-    path = plate.folder / MAP
-    cases = {GUESSED: SceneLight(0)}
-    if lights:
-        cases[LIGHTS] = SceneLight(len(lights))
-    if path.is_file():
-        cases[AROUND] = SceneLight(0, load_environment(path, 0.0, 0.0), exposure_given=True)
-    picture = ArrayPicture(np.asarray(np.round(255.0 * plate.rgb), np.uint8), "rgb")
-    rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
-    small = picture.downsample(PLATE_COLUMNS, rows)
-    seat = Seat.of(plate.scene.pose(0.0).bounds(), plate.ground_y)
-    lit = {}
-    for row, light in cases.items():
-        where = plate.camera, seat, lights if light.count else ()
-        around = light.with_sun(light.around_without_sun(small, *where), picture, *where)
-        lit[row] = light.on_object(lights, around), light.on_ground(lights, around)
-    return lit
 
 
 def _light_figures(plate: Plate) -> dict[str, dict[str, float]]:
@@ -192,7 +175,7 @@ def _light_figures(plate: Plate) -> dict[str, dict[str, float]]:
         raise InputError(f"{path}: shape {truth.shape}, expected the picture's")
     frame = Box(0, 0, plate.camera.width, plate.camera.height)
     found = {}
-    for row, (light, _) in _lights(plate).items():
+    for row, (light, _) in light_cases(plate).items():
         drawn = np.zeros((frame.height, frame.width, 4))
         with SoftwareObjectRenderer(plate.scene, SceneLight(0)) as renderer:
             layer = renderer.render(0.0, plate.camera, plate_light=light)

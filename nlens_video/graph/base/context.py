@@ -8,13 +8,22 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
-from nlens_video.core.layers import BlurredLayer, CocMap, DefocusedLayer, DepthMap, Picture
+from nlens_video.core.layers import (
+    BlurredLayer,
+    CocMap,
+    DefocusedLayer,
+    DepthMap,
+    Float32,
+    Picture,
+)
 from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.core.placement import Region
 from nlens_video.effects.measurement import Measurement
 from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.plate_sun import PlateSun
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.info import SourceFrame
@@ -25,6 +34,9 @@ if TYPE_CHECKING:
 
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""
+
+SunReader = Callable[[Float32, Camera], PlateSun]
+"""Reads the sun off a plate, scene-linear (H, W, 3), that a camera saw."""
 
 DepthOrder = Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]
 """L: the blurred layer of a sharp one, with depth order between the object's parts."""
@@ -94,6 +106,8 @@ class NodeContext:
         spread: accelerated kernel of the scatter, None for the CPU's.
         renderer: renders the object from any camera, and surfaces that it hides; None for
             pre-rendered layers.
+        read_sun: reads the sun off the plate, None to read none; loads its network when first
+            called.
         repair: depth ordering of the blurred layer, None without its network.
         shadow_scene: casters and light of the shadow, None without a scene.
         shutter: of the plate.
@@ -115,6 +129,7 @@ class NodeContext:
     aperture: Aperture = ROUND
     spread: Spread | None = None
     renderer: BoxRenderer | None = None
+    read_sun: SunReader | None = None
     repair: DepthOrder | None = None
     shadow_scene: ShadowScene | None = None
     shutter: Shutter = Shutter()

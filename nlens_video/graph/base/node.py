@@ -155,6 +155,7 @@ class Node:
 
     Attributes:
         description: method and backend in one phrase, for plans.
+        notes: for the user, as of now.
     """
 
     name: ClassVar[str]
@@ -168,6 +169,11 @@ class Node:
     stateful: ClassVar[bool] = False
     same_with: ClassVar[tuple[str, ...]] = ()
     description: str = ""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Notes for the user, as of now; none as a rule."""
+        return ()
 
     def __init__(self, context: NodeContext) -> None:
         """Construct the node; subclasses that need none of its dependencies inherit this."""
