@@ -162,7 +162,7 @@ def lazy_sun_reader() -> SunReader:
 
         return OnnxSunNetwork(find_model("sun").path)
 
-    return lambda plate, camera: plate_sun(network(), plate, camera)
+    return lambda picture, camera, ground_y: plate_sun(network(), picture, camera, ground_y)
 
 
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:

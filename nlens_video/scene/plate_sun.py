@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64, Picture
 from nlens_video.core.settings import SunSettings
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.plate_shadows import share_in_shadow
 
 SunNetwork = Callable[[Float32], Float32]
 """Features (MAP_ROWS, MAP_COLUMNS, CHANNELS) to ANSWERS numbers."""
@@ -38,30 +39,25 @@ _ACROSS = 2.5  # columns of the map by rows, for one and the same length on the 
 _FARTHEST = 28.0  # by the camera's height above the ground
 _LEVEL = 1e-3  # slope of a ray that meets no ground
 _NEAR_DEG = 25.0
-_SURE = 0.5
+_SURE, _SURE_ALONE = 0.6, 0.8  # with shadows on the ground that are as it casts them, without [1]
 _MILDER = 0.7  # depth of shadows on rendered plates by what the network says [1]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PlateSun:
     """A sun that the plate tells of.
 
     Attributes:
         azimuth: from the view to the right [rad].
         elevation: above the horizon [rad].
-        left: share of the ground's light that its shadows leave [1].
+        left: share of the ground's light that its shadows leave (3,) [1].
         certainty: how likely it shines, and within 25 degrees of the azimuth [1].
     """
 
     azimuth: float
     elevation: float
-    left: float
+    left: Float64
     certainty: float
-
-    @property
-    def sure(self) -> bool:
-        """Whether a shadow may be cast by it."""
-        return self.certainty >= _SURE
 
     @property
     def note(self) -> str:
@@ -79,9 +75,6 @@ class PlateSun:
         return SunSettings(
             azimuth_deg=math.degrees(self.azimuth), elevation_deg=math.degrees(self.elevation)
         )
-
-
-NO_SUN_SEEN = PlateSun(azimuth=0.0, elevation=0.5 * math.pi, left=1.0, certainty=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,8 +198,39 @@ def level_axes(camera: Camera) -> tuple[Float64, Float64, Float64]:
     return right, np.array([0.0, 1.0, 0.0]), np.array([right[2], 0.0, -right[0]])
 
 
-def plate_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun:
-    """Read the sun off a plate; the plate and its mirror image are asked.
+def toward_sun(given: SunSettings, camera: Camera) -> Float64:
+    """Direction (3,) towards a sun whose azimuth counts from where the camera looks."""
+    azimuth, elevation = math.radians(given.azimuth_deg), math.radians(given.elevation_deg)
+    right, up, forward = level_axes(camera)
+    flat = math.cos(azimuth) * forward + math.sin(azimuth) * right
+    return np.asarray(math.cos(elevation) * flat + math.sin(elevation) * up)
+
+
+def plate_sun(
+    network: SunNetwork, picture: Picture, camera: Camera, ground_y: float
+) -> PlateSun | None:
+    """The sun that a plate tells, None where it is not sure.
+
+    It is believed sooner where patches of the ground are shadows as it casts them; these then tell
+    what its shadows leave.
+
+    Args:
+        network: the sun network.
+        picture: the plate.
+        camera: of the frame that it shows.
+        ground_y: height of the ground [scene unit].
+    """
+    found = read_sun(network, picture.downsample(COLUMNS, ROWS), camera)
+    if found is None or found.certainty < _SURE:
+        return None
+    left = share_in_shadow(picture, camera, ground_y, toward_sun(found.settings, camera))
+    if left is None:
+        return found if found.certainty >= _SURE_ALONE else None
+    return replace(found, left=left)
+
+
+def read_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun | None:
+    """What the network says of a plate and its mirror image, None where there is no ground.
 
     Args:
         network: the sun network.
@@ -215,7 +239,7 @@ def plate_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun:
     """
     ground = ground_map(camera)
     if not ground.seen[0]:
-        return NO_SUN_SEEN
+        return None
     features = sun_features(plate, ground)
     turned = np.ascontiguousarray(features[:, ::-1])
     turned[..., -1] *= -1.0
@@ -233,7 +257,7 @@ def plate_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun:
     return PlateSun(
         azimuth=(azimuth + math.pi) % (2.0 * math.pi) - math.pi,
         elevation=math.radians(float(middles @ elevations)),
-        left=float(2.0 ** min(_MILDER * rest[ELEVATIONS + 1], -0.1)),
+        left=np.full(3, 2.0 ** min(_MILDER * rest[ELEVATIONS + 1], -0.1)),
         certainty=shines * float(azimuths[near].sum()),
     )
 

@@ -22,7 +22,7 @@ from nlens_video.scene.illumination import (
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
 from nlens_video.scene.plate_shadows import share_in_shadow
-from nlens_video.scene.plate_sun import PlateSun, level_axes
+from nlens_video.scene.plate_sun import PlateSun, toward_sun
 
 _SUN_DIAMETER = math.radians(0.53)
 _SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is known that well
@@ -144,18 +144,16 @@ class SceneLight:
             seen: a sun that the plate tells of; used where nothing else tells the light.
         """
         if seen is not None and self.taken_from_plate:
-            toward = toward_sun(seen.settings, camera)
-            measured = share_in_shadow(picture, camera, seat.ground_y, toward)
-            shade: Float64 = np.full(3, seen.left) if measured is None else measured
-            found = _with_sun(light, seen.settings, camera, seat, shade**_ON_OBJECT, _SEEN_DIAMETER)
-            return replace(found, shadow_left=shade)
-        known = self._toward_sun(camera, lights)
-        left = None
-        if known is not None:
-            left = share_in_shadow(picture, camera, seat.ground_y, known)
+            left = seen.left**_ON_OBJECT
+            found = _with_sun(light, seen.settings, camera, seat, left, _SEEN_DIAMETER)
+            return replace(found, shadow_left=seen.left)
+        toward = self._toward_sun(camera, lights)
+        shade = None
+        if toward is not None:
+            shade = share_in_shadow(picture, camera, seat.ground_y, toward)
         if self.sun is not None and self.sun.shines:
-            light = _with_sun(light, self.sun, camera, seat, left)
-        return light if left is None else replace(light, shadow_left=left)
+            light = _with_sun(light, self.sun, camera, seat, shade)
+        return light if shade is None else replace(light, shadow_left=shade)
 
     def known_sun(
         self, light: Illumination, camera: Camera, lights: tuple[PosedLight, ...]
@@ -277,11 +275,3 @@ def _with_sun(
     lamp = sun(share * level / toward[1], -toward)
     rest = light.scaled(1.0 - share)
     return replace(rest, lamps=(Lamp(lamp, diameter), *rest.lamps))
-
-
-def toward_sun(given: SunSettings, camera: Camera) -> Float64:
-    """Direction (3,) towards a sun whose azimuth counts from where the camera looks."""
-    azimuth, elevation = math.radians(given.azimuth_deg), math.radians(given.elevation_deg)
-    right, up, forward = level_axes(camera)
-    flat = math.cos(azimuth) * forward + math.sin(azimuth) * right
-    return np.asarray(math.cos(elevation) * flat + math.sin(elevation) * up)

@@ -9,7 +9,6 @@ from nlens_video.graph.builder import lazy_sun_reader
 from nlens_video.scene.environment import load_environment
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
-from nlens_video.scene.plate_sun import COLUMNS, ROWS
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -36,11 +35,11 @@ def light_cases(plate: Plate) -> dict[str, tuple[Illumination, Illumination]]:
     rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
     small = picture.downsample(PLATE_COLUMNS, rows)
     seat = Seat.of(plate.scene.pose(0.0).bounds(), plate.ground_y)
-    seen = lazy_sun_reader()(picture.downsample(COLUMNS, ROWS), plate.camera)
+    seen = lazy_sun_reader()(picture, plate.camera, plate.ground_y)
     lit = {}
     for row, light in cases.items():
         where = plate.camera, seat, lights if light.count else ()
         around = light.around_without_sun(small, *where)
-        around = light.with_sun(around, picture, *where, seen if seen.sure else None)
+        around = light.with_sun(around, picture, *where, seen)
         lit[row] = light.on_object(lights, around), light.on_ground(lights, around)
     return lit

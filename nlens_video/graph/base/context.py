@@ -13,7 +13,6 @@ from nlens_video.core.layers import (
     CocMap,
     DefocusedLayer,
     DepthMap,
-    Float32,
     Picture,
 )
 from nlens_video.core.optics import ROUND, Aperture, Shutter
@@ -35,8 +34,8 @@ if TYPE_CHECKING:
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""
 
-SunReader = Callable[[Float32, Camera], PlateSun]
-"""Reads the sun off a plate, scene-linear (H, W, 3), that a camera saw."""
+SunReader = Callable[[Picture, Camera, float], PlateSun | None]
+"""Reads the sun off a plate that a camera saw, whose ground is so high; None if not sure."""
 
 DepthOrder = Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]
 """L: the blurred layer of a sharp one, with depth order between the object's parts."""

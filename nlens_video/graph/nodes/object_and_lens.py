@@ -14,7 +14,6 @@ from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
-from nlens_video.scene.plate_sun import COLUMNS, ROWS
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
-    from nlens_video.scene.camera import Camera
     from nlens_video.scene.illumination import Illumination
     from nlens_video.scene.plate_sun import PlateSun
     from nlens_video.video.info import SourceFrame
@@ -63,19 +61,12 @@ class EstimateLight(Node):
             camera, light = self._context.objects.camera(0.0), self._scene.light
             if self._without_sun is None:
                 self._without_sun = light.around_without_sun(plate, camera, seat, posed.lights)
-                self._sun = self._seen_sun(picture, camera)
+                if light.taken_from_plate and self._context.read_sun is not None:
+                    self._sun = self._context.read_sun(picture, camera, seat.ground_y)
             self._light = light.with_sun(
                 self._without_sun, picture, camera, seat, posed.lights, self._sun
             )
         return self._light
-
-    def _seen_sun(self, picture: Picture, camera: Camera) -> PlateSun | None:
-        """A sun that the plate tells for sure, where nothing else tells the light."""
-        read = self._context.read_sun
-        if read is None or not self._scene.light.taken_from_plate:
-            return None
-        found = read(picture.downsample(COLUMNS, ROWS), camera)
-        return found if found.sure else None
 
     @property
     def notes(self) -> tuple[str, ...]:
