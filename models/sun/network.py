@@ -1,4 +1,4 @@
-"""The sun network: a reduced plate, and where each pixel looks, to where the sun stands."""
+"""The sun network: the map of a plate's ground to where the sun stands."""
 
 from __future__ import annotations
 

@@ -66,7 +66,8 @@ class Light:
         toward: direction to the sun (3,), None without one.
         radius: of the sun's disc [rad].
         left: share of the light of level ground that the sun's shadow leaves [1].
-        lamps: places (L, 3), and light by the sky's, of lamps near by (L,).
+        lamps: places of lamps near by (L, 3) [camera heights].
+        powers: of each, by the sky's light (L,) [1].
         lamp_radius: of each [camera heights].
         tilt: how much brighter the sky is in a direction (3,) [1].
         tint: colour of the sun or lamps by the sky's (3,).

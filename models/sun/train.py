@@ -1,6 +1,6 @@
 """Train the sun network on pictures of `data.py`, on the CPU.
 
-    python -m models.sun.train --data /tmp/sun_a.npz --out /tmp/sun_run --minutes 40
+    python -m models.sun.train --data /tmp/sun_a.npz --out /tmp/sun_run
 
 Every picture is seen through ever other crops, mirrored, exposed and developed anew, and with an
 error of the camera's pitch and focal length, as solved cameras have it. One in ten is held out.
@@ -47,7 +47,7 @@ class Recipe(Schedule):
         batch: pictures of a batch.
     """
 
-    minutes: float = 40.0
+    minutes: float = 64.0
     rate: float = 2e-3
     warm_up_steps: int = 200
     batch: int = 48
@@ -55,7 +55,7 @@ class Recipe(Schedule):
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Features (N, ROWS, COLUMNS, CHANNELS), labels (N, 2, ROWS / 4, COLUMNS / 4) and suns (N,)."""
+    """Features (N, MAP_ROWS, MAP_COLUMNS, CHANNELS), labels of every fourth pixel, suns (N,)."""
 
     features: Tensor
     labels: Tensor

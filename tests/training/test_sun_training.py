@@ -174,3 +174,50 @@ def test_exported_sun_network_agrees_with_the_trained_one(tmp_path):
     np.testing.assert_allclose(exported(features), answer.numpy(), atol=5e-3)
     with pytest.raises(ValueError, match="features.shape"):
         exported(features[:, :4])
+
+
+def test_torch_and_onnx_agree_on_the_shipped_sun_weights():
+    import torch
+
+    from models.sun.export import HERE, load_network
+    from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.sun_network import OnnxSunNetwork
+
+    features = np.random.default_rng(0).random((96, 128, 6), dtype=np.float32)
+    with torch.inference_mode():
+        answer = load_network(HERE / "weights.pt")(torch.from_numpy(features)[None])[0]
+    shipped = OnnxSunNetwork(find_model("sun").path)(features)
+    np.testing.assert_allclose(shipped, answer.numpy(), atol=0.05)
+
+
+def test_shipped_weights_tell_the_sun_of_pictures_that_were_not_trained_on():
+    """Three of four suns that are claimed are right, and some are claimed."""
+    from models.sun.data import draw_example, sun_of
+    from models.sun.ground import load_textures
+    from nlens_video.networks.model_store import find_model
+    from nlens_video.networks.sun_network import OnnxSunNetwork
+    from nlens_video.scene.camera import Camera
+    from nlens_video.scene.plate_sun import read_sun
+
+    network = OnnxSunNetwork(find_model("sun").path)
+    textures = load_textures(np.random.default_rng(9), [], 20)
+    right, claimed = 0, 0
+    for seed in range(900000, 900100):
+        codes, _, drawn = draw_example(seed, textures)
+        lens = drawn.camera
+        pose = np.eye(4)
+        pose[:3, :3] = lens.world_from_camera
+        pose[1, 3] = 1.0
+        focal = 0.5 * 960 / math.tan(0.5 * lens.fov)
+        tall = round(960 / lens.aspect)
+        camera = Camera(
+            world_from_camera=pose, fx=focal, fy=focal, cx=480.0, cy=0.5 * tall, width=960,
+            height=tall,
+        )  # fmt: skip
+        found = read_sun(network, (codes / np.float32(255.0)) ** 2, camera)
+        if found is None or found.certainty < 0.6:
+            continue
+        claimed += 1
+        off = (found.azimuth - sun_of(drawn)[0] + math.pi) % (2.0 * math.pi) - math.pi
+        right += abs(off) < math.radians(25.0)
+    assert claimed >= 10 and right >= 0.75 * claimed
