@@ -115,3 +115,12 @@ def test_disc_is_shown_with_a_sun_and_guides_alone(sunny):
     at_rest(page, lambda: page.locator("#sun").uncheck())
     assert page.locator("#sun-dial").is_hidden()
     assert page.locator("#shadow-tip").is_hidden()
+
+
+def test_a_shot_without_any_sun_shows_no_handle_and_keeps_saying_so(browser, studio):
+    studio.reset(**(LIT | {"light": {"sun": "none"}}))
+    with shown(browser, studio.server) as page:
+        assert not page.locator("#sun").is_checked()
+        assert page.locator("#sun-dial").is_hidden() and page.locator("#sun-rows").is_hidden()
+        at_rest(page, lambda: page.locator("#shadow").select_option(index=1))
+        assert saved(page, studio.shot)["light"]["sun"] == "none"

@@ -267,7 +267,7 @@ function fill() {
   if (horizon !== undefined) setUnlessTyping("horizon", horizon);
   setUnlessTyping("roll", shot.get("camera", "roll") ?? 0);
   found.ignored = linesOf(shot.get("camera", "ignore-lines") ?? []);
-  const sun = shot.get("light", "sun");
+  const told = shot.get("light", "sun"), sun = told === "none" ? undefined : told;
   field("sun").checked = sun !== undefined;
   one("sun-rows").hidden = sun === undefined;
   if (sun) ["azimuth", "elevation", "strength"].forEach((id, at) => setUnlessTyping(id, sun[at] ?? 2));

@@ -36,13 +36,13 @@ export class SunHandles {
 
   /**
    * @param {boolean} visible
-   * @param {number[] | undefined} given as the shot has it
+   * @param {number[] | "none" | undefined} given as the shot has it
    * @param {ShadowGuides | null} guides of the object that is edited
    */
   draw(visible, given, guides) {
     const held = one("sunlight");
     held.replaceChildren();
-    this.sun = given ? [given[0] ?? 0, given[1] ?? 45, given[2] ?? STRENGTH.usual] : null;
+    this.sun = Array.isArray(given) ? [given[0] ?? 0, given[1] ?? 45, given[2] ?? STRENGTH.usual] : null;
     this.guides = guides;
     const shown = visible && this.sun !== null;
     one("sun-dial").toggleAttribute("hidden", !shown);
