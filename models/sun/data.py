@@ -1,8 +1,9 @@
 """Training pictures with a known sun, drawn by ray casting.
 
-    python -m models.sun.data --photos DIR --out /tmp/sun_a.npz --first 0 --count 10000
+    python -m models.sun.data --photos DIR --out /tmp/sun/0.npz --first 0 --count 2000
 
-`--photos` is a folder of photographs, crops of which are textures. A seed names a picture.
+`--photos` is a folder of photographs, crops of which are textures, drawn anew for each file. A seed
+and the textures name a picture.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from nlens_video.scene.plate_sun import BRIGHT_PERCENTILE, COLUMNS, ROWS
 
 TEXTURES = 400
 BRIGHTEST = 4.0
+"""Light that is kept, by the percentile that pictures are scaled by."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,9 +46,9 @@ class Examples:
     suns: npt.NDArray[np.float32]
 
     @classmethod
-    def load(cls, paths: list[Path]) -> Examples:
-        """Read what `main` wrote."""
-        files = [np.load(path) for path in paths]
+    def load(cls, folder: Path) -> Examples:
+        """Read the files that `main` wrote into a folder."""
+        files = [np.load(path) for path in sorted(folder.glob("*.npz"))]
         return cls(*(np.concatenate([one[name] for one in files]) for name in cls.__slots__))
 
 

@@ -28,16 +28,28 @@ _MOST_BLUR = 7.0
 
 
 class Traced:
-    """What rays from the camera meet."""
+    """What rays from the camera meet, P of them, one at a random place of each pixel.
+
+    Attributes:
+        unit: their directions (P, 3).
+        distance: of what they meet, inf for the sky (P,) [camera heights].
+        triangle: which of the scene's, -1 for ground and sky (P,).
+        seen: whether they meet anything near (P,).
+        is_ground: whether that is the ground (P,).
+        points: where (P, 3) [camera heights].
+        normals: of the surface there, towards the camera (P, 3).
+        seen_from: the points, a little off the surface: rays to the light begin there (P, 3).
+        material: of each triangle (T,); only where the scene has any.
+    """
 
     def __init__(self, scene: Scene, rng: Rng, columns: int, rows: int) -> None:
         self._scene = EmbreeScene()
         x, y = np.meshgrid(np.arange(columns), np.arange(rows))
         places = np.stack([x.ravel(), y.ravel()], axis=1) + rng.random((columns * rows, 2))
-        self.rays = scene.camera.rays(columns, rows, places / (columns, rows))
+        rays = scene.camera.rays(places / (columns, rows))
         self._build(scene)
         eye = np.array([0.0, 1.0, 0.0])
-        unit = self.rays / np.linalg.norm(self.rays, axis=1, keepdims=True)
+        unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
         self.unit = unit
         ground = np.where(unit[:, 1] < -1e-4, -1.0 / np.minimum(unit[:, 1], -1e-4), np.inf)
         self.distance, self.triangle = ground, np.full(len(unit), -1)

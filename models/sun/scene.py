@@ -47,11 +47,8 @@ class Camera:
         c, s = math.cos(self.roll), math.sin(self.roll)
         return np.asarray(down @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
-    def rays(self, columns: int, rows: int, places: Floats | None = None) -> Floats:
-        """World directions (N, 3) of depth 1 through all pixels, or places (N, 2) in [0, 1]."""
-        if places is None:
-            x, y = np.meshgrid((np.arange(columns) + 0.5) / columns, (np.arange(rows) + 0.5) / rows)
-            places = np.stack([x.ravel(), y.ravel()], axis=1)
+    def rays(self, places: Floats) -> Floats:
+        """World directions (N, 3) of depth 1 through places of the frame (N, 2), 0 to 1."""
         wide = math.tan(0.5 * self.fov)
         across, up = (2.0 * places[:, 0] - 1.0) * wide, (1.0 - 2.0 * places[:, 1]) * wide
         in_camera = np.stack([across, up / self.aspect, -np.ones(len(across))], axis=1)

@@ -1,6 +1,6 @@
-"""Train the sun network on pictures of `data.py`, on the CPU.
+"""Train the sun network on a folder of pictures of `data.py`, on the CPU.
 
-    python -m models.sun.train --data /tmp/sun_a.npz --out /tmp/sun_run
+    python -m models.sun.train --data /tmp/sun --out /tmp/sun_run
 
 Every picture is seen through ever other crops, mirrored, exposed and developed anew, and with an
 error of the camera's pitch and focal length, as solved cameras have it. One in ten is held out.
@@ -8,11 +8,9 @@ error of the camera's pitch and focal length, as solved cameras have it. One in 
 
 from __future__ import annotations
 
-import argparse
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -22,7 +20,7 @@ from torch import Tensor
 
 from models.sun.data import BRIGHTEST, Examples
 from models.sun.network import SunNet
-from models.training import Schedule, TrainingRun, train
+from models.training import Schedule, TrainingRun, arguments, train
 from nlens_video.scene.plate_sun import (
     AZIMUTHS,
     BRIGHT,
@@ -79,7 +77,7 @@ def maps(cameras: np.ndarray, window: np.ndarray) -> GroundMaps:
 
 
 def drawn(examples: Examples, picked: np.ndarray, rng: np.random.Generator | None) -> Batch:
-    """A batch; varied by a generator, or as it is."""
+    """A batch of the examples of some numbers; varied by a generator, or as it is."""
     pictures = torch.from_numpy(examples.pictures[picked]).permute(0, 3, 1, 2).float() / 255.0
     labels = torch.from_numpy(examples.labels[picked]).permute(0, 3, 1, 2).float() / 255.0
     cameras, suns = examples.cameras[picked].copy(), torch.from_numpy(examples.suns[picked])
@@ -219,15 +217,8 @@ def judged(answer: Tensor, batch: Batch) -> tuple[Tensor, Tensor]:
 
 def main() -> None:
     """Train until the time is up."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, nargs="+", required=True, help="what data.py wrote")
-    parser.add_argument("--out", type=Path, required=True, help="checkpoint and curve")
-    parser.add_argument("--minutes", type=float, default=Recipe().minutes)
-    parser.add_argument("--rate", type=float, default=Recipe().rate)
-    parser.add_argument("--begin-from", type=Path, help="shipped weights, or a checkpoint")
-    parser.add_argument("--threads", type=int, default=1)
-    options = parser.parse_args()
-    torch.set_num_threads(options.threads)
+    options = arguments(__doc__, Recipe(), validation=False).parse_args()
+    torch.set_num_threads(1)
     examples = Examples.load(options.data)
     # every tenth picture, so that files may be added to a run
     apart = np.arange(len(examples.suns)) % 10 == 9

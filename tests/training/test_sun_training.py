@@ -7,7 +7,8 @@ import pytest
 pytestmark = [
     pytest.mark.needs_torch,
     pytest.mark.skipif(
-        platform.machine() not in ("x86_64", "AMD64"), reason="embreex has no wheels here"
+        platform.machine() not in ("x86_64", "AMD64"),
+        reason="embreex, which casts the rays of the pictures, has wheels for x86-64 alone",
     ),
     pytest.mark.filterwarnings("ignore::FutureWarning", "ignore::DeprecationWarning"),
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from nlens_video.evaluate.plates import Plate
@@ -14,6 +16,8 @@ from nlens_video.video.pixels.picture import ArrayPicture
 
 MAP = "env.hdr"
 GUESSED, LIGHTS, AROUND = "GLB without lights", "with its lights", "with its map"
+
+_sun_reader = cache(lazy_sun_reader)  # one network for all plates
 
 
 def light_cases(plate: Plate) -> dict[str, tuple[Illumination, Illumination]]:
@@ -35,7 +39,7 @@ def light_cases(plate: Plate) -> dict[str, tuple[Illumination, Illumination]]:
     rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
     small = picture.downsample(PLATE_COLUMNS, rows)
     seat = Seat.of(plate.scene.pose(0.0).bounds(), plate.ground_y)
-    seen = lazy_sun_reader()(picture, plate.camera, plate.ground_y)
+    seen = _sun_reader()(picture, plate.camera, plate.ground_y)
     lit = {}
     for row, light in cases.items():
         where = plate.camera, seat, lights if light.count else ()
