@@ -11,14 +11,12 @@ from nlens_video.cameras.placement import contact_depth
 from nlens_video.cameras.solved import SolvedCamera, undistorted
 from nlens_video.core.errors import NoGroundError, SceneError, UsageError
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.core.placement import GroundPlacing, Placement
+from nlens_video.core.placement import SMALLEST, GroundPlacing, Placement, usual_size
 from nlens_video.scene.camera import Camera
 
 _DOWN = 0.62  # of the way from the horizon, or the frame's top, to the lower border
-_LARGEST = 0.35
-_SMALLEST, _SMALLER = 0.02, 0.85
+_SMALLER = 0.85
 _LOWEST = 0.9  # row of the horizon under which enough ground is left [frame height]
-_HEADROOM = 0.05  # between the object and the frame's top [frame height]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,11 +104,11 @@ def stand_on_ground(
     if wish.height_m is not None:
         placed = _at_height(vertices, contact, at, wish.height_m, wish.yaw_deg, solved, time_s)
         return placed, f"{said} --height {wish.height_m:.4g}m {turned}"
-    size = _usual_size(at) if wish.size is None else wish.size
+    size = usual_size(at) if wish.size is None else wish.size
     while True:
         placing = Placement(at=at, size=size, yaw_deg=wish.yaw_deg, horizon=None)
         placed = place_on_ground(vertices, contact, placing, solved, time_s)
-        fits = wish.size is not None or size < _SMALLEST or _in_frame(vertices, placed.at(time_s))
+        fits = wish.size is not None or size < SMALLEST or _in_frame(vertices, placed.at(time_s))
         if fits:
             return placed, placing.describe()
         size *= _SMALLER
@@ -195,12 +193,7 @@ def default_placement(solved: SolvedCamera) -> Placement:
     if at is None:
         top = ground_top(solved.at(solved.keys[0].pts_s))
         at = 0.5, top + _DOWN * (1.0 - top)
-    return Placement(at=at, size=_usual_size(at), horizon=None)
-
-
-def _usual_size(at: tuple[float, float]) -> float:
-    """A height that leaves room above [frame height]."""
-    return min(_LARGEST, max(at[1] - _HEADROOM, _SMALLEST))
+    return Placement(at=at, size=usual_size(at), horizon=None)
 
 
 def ground_top(camera: Camera) -> float:

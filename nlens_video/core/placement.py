@@ -15,6 +15,10 @@ LEVEL = 0.5
 """Row of the horizon of a camera that is not pitched [frame height]."""
 _FARTHEST = 5.0  # from the frame's middle: farther off it is a number of pixels [frame]
 _STEEPEST_DEG = 45.0  # of a horizon
+_USUAL = 0.35  # size of what is placed without one [frame height]
+_HEADROOM = 0.05  # between it and the frame's top [frame height]
+SMALLEST = 0.02
+"""Size of an object, below which none is chosen [frame height]."""
 _TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
 
 
@@ -144,19 +148,25 @@ class GroundPlacing:
         """The place under a horizon that is given, as of `Placement`.
 
         Raises:
-            UsageError: a part of it is to be chosen, or it needs a scale.
+            UsageError: no place is given, or it needs a scale.
         """
         if self.height_m is not None:
             raise UsageError(
                 "--height needs a camera in metres (--camera-from); give --size in its place"
             )
-        if self.at is None or self.size is None:
+        if self.at is None:
             raise UsageError(
-                "to place the object give both --at X,Y and --size S, fractions of the frame"
+                "to place the object under --horizon give --at X,Y, fractions of the frame"
             )
+        size = usual_size(self.at) if self.size is None else self.size
         return Placement(
-            at=self.at, size=self.size, yaw_deg=self.yaw_deg, horizon=horizon, roll_deg=roll_deg
+            at=self.at, size=size, yaw_deg=self.yaw_deg, horizon=horizon, roll_deg=roll_deg
         )
+
+
+def usual_size(at: tuple[float, float]) -> float:
+    """The size where none is given, with room above, of an object at a place [frame height]."""
+    return min(_USUAL, max(at[1] - _HEADROOM, SMALLEST))
 
 
 def _check_place(at: tuple[float, float]) -> None:

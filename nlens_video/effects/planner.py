@@ -126,6 +126,7 @@ class ShotFacts:
     Attributes:
         lamps: lights, of the file, the options or the environment map, that reach the ground.
         sun: whether one of them is a sun that the user gives.
+        sun_from_plate: whether the plate alone gives the light, and with it a sun.
         pre_rendered: whether the object is a pre-rendered layer.
         strength: of the shadow, 0 to 2 [1].
         strength_given: whether the user set it, and so asks for a shadow.
@@ -138,6 +139,7 @@ class ShotFacts:
 
     lamps: int = 0
     sun: bool = False
+    sun_from_plate: bool = False
     pre_rendered: bool = False
     strength: float = 1.0
     strength_given: bool = False
@@ -277,6 +279,8 @@ def _shadow(shot: ShotFacts) -> tuple[bool, str]:
     if shot.lamps:
         count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
         return True, f"cast on the ground by {count}, where it touches by the light around too"
+    if shot.sun_from_plate:
+        return True, "cast on the ground by the light around, and by a sun as the plate tells it"
     return True, "where it touches the ground, by the light around; no light casts another"
 
 

@@ -284,16 +284,17 @@ def _shot_facts(
     posed = ground.pose(0.0)
     height = float(posed.bounds()[0, 1]) if objects.ground_y is None else objects.ground_y
     light = ground.light.on_ground(posed.lights)
-    real = objects.real
+    sun = ground.light.sun is not None and ground.light.sun.shines
     return ShotFacts(
-        lamps=sum(reaches(lamp, height) for lamp in light.lamps) + (ground.light.sun is not None),
-        sun=ground.light.sun is not None,
+        lamps=sum(reaches(lamp, height) for lamp in light.lamps) + sun,
+        sun=sun,
+        sun_from_plate=ground.light.taken_from_plate,
         pre_rendered=ground.pre_rendered,
         strength=ground.strength,
         strength_given=ground.strength_given,
         moves=scene.moves,
         shutter=shutter,
         measured=measured,
-        reflectance=real.reflectance or 0.0,
+        reflectance=objects.real.reflectance or 0.0,
         occlusion=occlusion,
     )

@@ -22,6 +22,7 @@ _KEY_DIRECTION = np.array([-0.4, -0.8, -0.45]) / np.linalg.norm([-0.4, -0.8, -0.
 _KEY_SHARE = 0.6  # of the light on the ground; the rest comes from around
 _AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
 _UP = np.array([0.0, 1.0, 0.0])
+_EVERY_TURN = 6  # of `Lamp.turns`: enough for what surfaces that stand get of them
 MAX_LAMPS = 32
 """Maximum number of lights in rendering."""
 Kind = Literal["directional", "point", "spot"]
@@ -119,10 +120,14 @@ class Lamp:
     Attributes:
         posed: the light.
         diameter: how large it looks from the object [rad].
+        turns: angles about the vertical, counterclockwise from above, by which a distant light may
+            stand beside its direction, each as likely as the others (T,) [rad]; None where its
+            direction is known.
     """
 
     posed: PosedLight
     diameter: float = LAMP_DIAMETER
+    turns: Float64 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,6 +145,7 @@ class Illumination:
         surround: the ambient light as smooth surfaces mirror it; None where that is not known.
         shadow_left: share of the ground's light (3,) that the strongest lamp's shadow leaves, as
             the plate's own shadows show it; None where they do not [1].
+        on_ground: the light that casts shadows on the ground, where it is another.
     """
 
     lamps: tuple[Lamp, ...]
@@ -148,6 +154,7 @@ class Illumination:
     exposure: float = 1.0
     surround: Surround | None = None
     shadow_left: Float64 | None = None
+    on_ground: Illumination | None = None
 
     @classmethod
     def plausible(cls) -> Illumination:
@@ -164,7 +171,8 @@ class Illumination:
         )
         ambient = None if self.ambient is None else gain * self.ambient
         surround = None if self.surround is None else self.surround.scaled(gain)
-        return replace(self, lamps=lamps, ambient=ambient, surround=surround)
+        on_ground = None if self.on_ground is None else self.on_ground.scaled(gain)
+        return replace(self, lamps=lamps, ambient=ambient, surround=surround, on_ground=on_ground)
 
     def on_plane(self, point: Float64) -> Float64:
         """Irradiance (3,) of the ground at a point (3,), by all that is known of the light."""
@@ -228,6 +236,13 @@ def reaches(lamp: Lamp, ground_y: float) -> bool:
     return bool(lamp.posed.position[1] > ground_y)
 
 
+def turned_about_up(vectors: Float64, turns: Float64) -> Float64:
+    """Vectors (3,) or (N, 3), turned about the vertical by one angle or by each its own (N, 3)."""
+    cosine, sine = np.cos(turns), np.sin(turns)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack(np.broadcast_arrays(cosine * x + sine * z, y, cosine * z - sine * x), axis=-1)
+
+
 def from_lamp(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
     """Irradiance (..., 3) of points (..., 3) by a lamp, as if nothing hid it.
 
@@ -239,8 +254,11 @@ def from_lamp(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
     light, direction = lamp.posed.light, lamp.posed.direction
     color = np.array(light.color) * light.intensity
     if light.kind == "directional":
-        facing = np.maximum(0.0, -(normal @ direction))[..., None]
-        return np.broadcast_to(color * facing, ground.shape)
+        facing = np.maximum(0.0, -(normal @ direction))
+        if lamp.turns is not None:
+            turned = turned_about_up(direction, lamp.turns[::_EVERY_TURN])
+            facing = np.mean([np.maximum(0.0, -(normal @ one)) for one in turned], axis=0)
+        return np.broadcast_to(color * facing[..., None], ground.shape)
     toward = lamp.posed.position - ground
     distance2 = np.maximum((toward**2).sum(axis=-1), np.finfo(np.float64).tiny)
     unit = toward / np.sqrt(distance2)[..., None]

@@ -4,7 +4,7 @@ The plate is laid onto a map of the ground by azimuth and logarithm of distance.
 runs everywhere at the same angle to the direction of view, whatever the camera's pitch and focal
 length, and a thing of one shape has one size. A network (`models/sun`) reads the map. It answers
 with a distribution over the sun's azimuth and elevation, with how likely a sun shines at all, and
-with what its shadows leave of the light.
+with what its shadows leave of the light. A shadow is spread as that distribution is.
 """
 
 from __future__ import annotations
@@ -40,32 +40,42 @@ _FARTHEST = 28.0  # by the camera's height above the ground
 _LEVEL = 1e-3  # slope of a ray that meets no ground
 _NEAR_DEG = 25.0
 _SURE, _SURE_ALONE = 0.6, 0.8  # with shadows on the ground that are as it casts them, without [1]
-_MILDER = 0.7  # depth of shadows on rendered plates by what the network says [1]
+_MILDER = 0.85  # depth of shadows on rendered plates by what the network says [1]
+_LAMPS = 0.5  # share of places without a sun that a lamp lights from one side, as in training [1]
+_TURNS = 72  # that stand for the distribution of the azimuth
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlateSun:
-    """A sun that the plate tells of.
+    """What a plate tells of its sun, or of the lamp that lights it from one side.
 
     Attributes:
-        azimuth: from the view to the right [rad].
+        azimuth: the likeliest, from the view to the right [rad].
         elevation: above the horizon [rad].
+        turns: what to add to the azimuth, each as likely as the others (T,) [rad].
         left: share of the ground's light that its shadows leave (3,) [1].
         certainty: how likely it shines, and within 25 degrees of the azimuth [1].
+        sure: whether that is enough to light the object by it.
     """
 
     azimuth: float
     elevation: float
+    turns: Float64
     left: Float64
     certainty: float
+    sure: bool = False
 
     @property
     def note(self) -> str:
         """It in one line, for the user."""
         where = self.settings
+        told = (
+            "shadows on the plate tell a sun:"
+            if self.sure
+            else "no sun is sure, so the shadow is broad; the likeliest is"
+        )
         return (
-            "shadows on the plate tell a sun: "
-            f"--sun {round(where.azimuth_deg)},{round(where.elevation_deg)} "
+            f"{told} --sun {round(where.azimuth_deg)},{round(where.elevation_deg)} "
             f"({100.0 * self.certainty:.0f} % sure); --sun none leaves it out"
         )
 
@@ -209,9 +219,9 @@ def toward_sun(given: SunSettings, camera: Camera) -> Float64:
 def plate_sun(
     network: SunNetwork, picture: Picture, camera: Camera, ground_y: float
 ) -> PlateSun | None:
-    """The sun that a plate tells, None where it is not sure.
+    """The sun that a plate tells, None where the camera sees no ground.
 
-    It is believed sooner where patches of the ground are shadows as it casts them; these then tell
+    It is sure sooner where patches of the ground are shadows as it casts them; these then tell
     what its shadows leave.
 
     Args:
@@ -222,11 +232,11 @@ def plate_sun(
     """
     found = read_sun(network, picture.downsample(COLUMNS, ROWS), camera)
     if found is None or found.certainty < _SURE:
-        return None
+        return found
     left = share_in_shadow(picture, camera, ground_y, toward_sun(found.settings, camera))
     if left is None:
-        return found if found.certainty >= _SURE_ALONE else None
-    return replace(found, left=left)
+        return replace(found, sure=found.certainty >= _SURE_ALONE)
+    return replace(found, left=left, sure=True)
 
 
 def read_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun | None:
@@ -254,12 +264,24 @@ def read_sun(network: SunNetwork, plate: Float32, camera: Camera) -> PlateSun | 
     elevations = _shares(rest[:ELEVATIONS])
     middles = LOWEST_DEG + (np.arange(ELEVATIONS) + 0.5) * (HIGHEST_DEG - LOWEST_DEG) / ELEVATIONS
     shines = 1.0 / (1.0 + math.exp(-rest[ELEVATIONS]))
+    taken = 1.0 - 2.0 ** min(_MILDER * rest[ELEVATIONS + 1], -0.1)
     return PlateSun(
         azimuth=(azimuth + math.pi) % (2.0 * math.pi) - math.pi,
         elevation=math.radians(float(middles @ elevations)),
-        left=np.full(3, 2.0 ** min(_MILDER * rest[ELEVATIONS + 1], -0.1)),
+        turns=_turns(azimuths, azimuth),
+        left=np.full(3, 1.0 - taken * (shines + (1.0 - shines) * _LAMPS)),
         certainty=shines * float(azimuths[near].sum()),
     )
+
+
+def _turns(shares: Float64, azimuth: float) -> Float64:
+    """Quantiles (T,) of a distribution (AZIMUTHS,), by an azimuth, from its far side on."""
+    step = 2.0 * math.pi / AZIMUTHS
+    far = round(azimuth / step) + AZIMUTHS // 2
+    below = np.append(0.0, np.cumsum(np.roll(shares, -far)))
+    edges = (np.arange(AZIMUTHS + 1) - 0.5 + far) * step - azimuth - 2.0 * math.pi
+    found = np.interp((np.arange(_TURNS) + 0.5) / _TURNS, below / below[-1], edges)
+    return np.asarray(found, np.float64)
 
 
 _MIRRORED = -np.arange(AZIMUTHS) % AZIMUTHS

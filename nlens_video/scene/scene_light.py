@@ -86,7 +86,8 @@ class SceneLight:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
-                f"{text}: level and tint as seen, and a sun where shadows on its ground tell one; "
+                f"{text}: level and tint as seen, and a sun as far as shadows on its ground tell "
+                "one; "
                 "--sun AZ,EL gives it (degrees right of the view, and up), --sun none leaves it "
                 "out; --env-map MAP.hdr gives all light",
                 NoteKind.LIGHTS_MISSING,
@@ -144,9 +145,7 @@ class SceneLight:
             seen: a sun that the plate tells of; used where nothing else tells the light.
         """
         if seen is not None and self.taken_from_plate:
-            left = seen.left**_ON_OBJECT
-            found = _with_sun(light, seen.settings, camera, seat, left, _SEEN_DIAMETER)
-            return replace(found, shadow_left=seen.left)
+            return _with_seen_sun(light, seen, camera, seat)
         toward = self._toward_sun(camera, lights)
         shade = None
         if toward is not None:
@@ -226,6 +225,8 @@ class SceneLight:
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
     ) -> Illumination:
         """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
+        if plate_light is not None and plate_light.on_ground is not None:
+            return plate_light.on_ground
         light = self.on_object(lights, plate_light)
         told = self.count > 0 or plate_light is not None or self.environment is not None
         if plate_light is not None and plate_light.shadow_left is not None:
@@ -254,6 +255,21 @@ def _as_shaded(light: Illumination, left: Float64) -> Illumination:
     _, strongest, whole = found
     wanted = np.maximum(left / (1.0 - left) * strongest - (whole - strongest), 0.0)
     return replace(light, ambient=light.ambient * (wanted / around))
+
+
+def _with_seen_sun(light: Illumination, seen: PlateSun, camera: Camera, seat: Seat) -> Illumination:
+    """The light with a sun that the plate tells: on the ground as it is likely, on the object sure.
+
+    The mean of the shadows of all azimuths, each as strong as it is likely, is nearer to the true
+    one than any of them or none. The object is lit by a sun that is sure, for it shows a side.
+    """
+    cast = _with_sun(light, seen.settings, camera, seat, seen.left, _SEEN_DIAMETER)
+    lamp = replace(cast.lamps[0], turns=-seen.turns)  # azimuths count clockwise from above
+    cast = _as_shaded(replace(cast, lamps=(lamp, *cast.lamps[1:])), seen.left)
+    if seen.sure:
+        left = seen.left**_ON_OBJECT
+        light = _with_sun(light, seen.settings, camera, seat, left, _SEEN_DIAMETER)
+    return replace(light, on_ground=cast)
 
 
 def _with_sun(

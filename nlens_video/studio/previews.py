@@ -188,6 +188,7 @@ def _about(drawn: Drawn, *, quick: bool) -> dict[str, Any]:
         "notes": [str(note) for note in drawn.notes],
         "no_lens": drawn.no_lens,
         "lens": "" if drawn.fit is None else drawn.fit.describe(),
+        "sun": drawn.sun and [round(drawn.sun.azimuth_deg), round(drawn.sun.elevation_deg)],
     }
 
 

@@ -80,6 +80,12 @@ def without_sun(objects: ObjectSettings) -> ObjectSettings:
     return replace(objects, light=replace(objects.light, sun=sun))
 
 
+def likeliest_sun(session: Session) -> SunSettings | None:
+    """The sun that a session read off its plate, None where it looked for none."""
+    nodes = (node for node in session.graph.nodes if isinstance(node, EstimateLight))
+    return next((node.likeliest_sun for node in nodes), None)
+
+
 def placed(
     base: Session, settings: Settings, scene: Scene, view: View, *, hold_light: bool
 ) -> Session:

@@ -18,7 +18,7 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.objects import FurtherObject
-from nlens_video.core.settings import ObjectSettings, Settings, SourceSettings
+from nlens_video.core.settings import ObjectSettings, Settings, SourceSettings, SunSettings
 from nlens_video.graph.base.objects_on_ground import load_scene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
@@ -37,6 +37,7 @@ from nlens_video.studio.sessions import (
     Picturing,
     camera_height,
     find_lens,
+    likeliest_sun,
     placed,
     previewed,
     rebuilt,
@@ -63,6 +64,7 @@ class Drawn:
         no_lens: why a render would stop, empty where it would not.
         fit: the lens, None where the object is out of view.
         lines: what the plate's camera was solved from, None where it was not solved.
+        sun: the likeliest by the plate's shadows, None where none was looked for.
     """
 
     picture: Picture
@@ -73,6 +75,7 @@ class Drawn:
     no_lens: str
     fit: LensFit | None
     lines: PlateLines | None
+    sun: SunSettings | None
 
 
 @dataclass(slots=True)
@@ -166,6 +169,7 @@ class Stage:
             no_lens=no_lens,
             fit=fit,
             lines=self._lines,
+            sun=likeliest_sun(session),
         )
 
     def inspect(self, settings: Settings) -> Inspection:

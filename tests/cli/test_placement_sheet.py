@@ -84,6 +84,12 @@ def test_fov_option_replaces_the_assumed_focal_length(files, tmp_path):
     assert "focal length 32.66 mm (35 mm equivalent, by --fov 60)" in run.stdout, run.stderr
 
 
+def test_size_is_chosen_where_the_horizon_alone_is_given(files, tmp_path):
+    words = ("--at", "0.5,0.9", "--horizon", "0.3", "--plan")
+    run = nlens(files / "plate.png", files / "cube.glb", tmp_path / "o.png", *words)
+    assert "placed by --at 0.5,0.9 --size 0.35 --yaw 0 --horizon 0.3" in run.stdout, run.stderr
+
+
 def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
     run = nlens(files / "plate.png", files / "camera.glb", tmp_path / "o.png", "--scene", "dusk")
     assert run.returncode == 4 and "no scene is named 'dusk'; expected one of 0" in run.stderr
@@ -92,13 +98,7 @@ def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
 @pytest.mark.parametrize(
     ("glb", "words", "code", "line"),
     [
-        (
-            "cube.glb",
-            ["--at", "0.5,0.9", "--horizon", "0.3"],
-            2,
-            "give both --at X,Y and --size S",
-        ),
-        ("cube.glb", ["--yaw", "20", "--horizon", "0.3"], 2, "give both --at X,Y and --size S"),
+        ("cube.glb", ["--yaw", "20", "--horizon", "0.3"], 2, "under --horizon give --at X,Y"),
         ("cube.glb", ["--size", "0.2", "--height", "1m"], 2, "leave one out"),
         ("cube.glb", ["--height", "1m"], 2, "the plate's scale is not known; give --marker SIDE"),
         ("cube.glb", ["--at", "0.5", "--size", "1"], 2, "is not X,Y"),

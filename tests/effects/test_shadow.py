@@ -36,6 +36,7 @@ from nlens_video.scene.illumination import (
     from_lamp,
     hemispheres,
     sun,
+    turned_about_up,
 )
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -67,6 +68,48 @@ def cast(light, camera=None, fit=None, vertices=CARD, **given):
     casters = Casters(vertices, FACES, edges_of(FACES))
     moment = Moment(casters, camera or looking_down())
     return CastShadow(**given)([moment], light, 0.0, fit)
+
+
+def test_shadow_of_an_unsure_lamp_is_the_mean_of_those_that_it_may_cast():
+    turns = np.radians(np.linspace(-60.0, 60.0, 72))
+    posed, broad = sun(GREY / -DOWN[1], DOWN), math.radians(12.0)
+    rest = hemispheres(GREY / math.pi, GREY / math.pi)
+    one = Illumination((Lamp(posed, broad, turns),), rest)
+    each = [
+        Illumination((Lamp(replace(posed, direction=turned_about_up(DOWN, turn)), broad),), rest)
+        for turn in turns[::3]
+    ]
+    found, expected = loss(cast(one)), np.mean([loss(cast(other)) for other in each], axis=0)
+    assert expected.max() > 0.15
+    assert np.abs(found - expected).mean() < 0.02 * expected[expected > 0.0].mean()
+    assert np.abs(found - expected).max() < 0.06
+
+
+def test_shadow_of_a_lamp_on_any_side_shows_no_pattern_of_its_samples():
+    """A round thing under a sun of any azimuth: its shadow is as dark in all directions."""
+    ring = np.linspace(0.0, 2.0 * math.pi, 48, endpoint=False)
+    rim = np.stack([0.4 * np.cos(ring), np.full(48, 0.8), 0.4 * np.sin(ring)], axis=1)
+    vertices = np.concatenate([rim, [[0.0, 0.8, 0.0]]])
+    faces = np.array([[n, (n + 1) % 48, 48] for n in range(48)], np.int32)
+    turns = 2.0 * math.pi * ((np.arange(72) + 0.5) / 72 - 0.5)
+    lamp = Lamp(sun(GREY / -DOWN[1], DOWN), math.radians(12.0), turns)
+    light = Illumination((lamp,), hemispheres(np.zeros(3), np.zeros(3)))
+    moment = Moment(Casters(vertices, faces, edges_of(faces)), looking_down())
+    shadow = loss(CastShadow()([moment], light, 0.0, None))[..., 0]
+    centre = looking_down().pixels(looking_down().to_camera(np.zeros((1, 3))))[0]
+    row, column = np.mgrid[:HEIGHT, :WIDTH] + 0.5
+    away = np.hypot(column - centre[0], row - centre[1])
+    around = shadow[np.abs(away - 20.0 * 0.8) < 1.0]  # at the middle of each sample's shadow
+    assert around.mean() > 0.05
+    assert around.std() < 0.1 * around.mean()
+
+
+def test_ground_gets_as_much_of_a_lamp_wherever_it_may_stand():
+    lamp = Lamp(sun(GREY, DOWN), 0.1, np.radians(np.linspace(-180.0, 180.0, 72)))
+    np.testing.assert_allclose(from_lamp(lamp, np.zeros(3)), GREY * -DOWN[1])
+    # a wall gets the mean of the lamps of all azimuths
+    wall = from_lamp(lamp, np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    np.testing.assert_allclose(wall, GREY * math.sqrt(0.5) / math.pi, rtol=0.03)
 
 
 def test_shadow_under_a_sun_at_45_degrees_is_displaced_by_the_height():

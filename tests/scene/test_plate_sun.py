@@ -14,7 +14,7 @@ from support.courtyard import LEFT, SEAT, camera, courtyard, file_sun
 
 from nlens_video.core.settings import NO_SUN, SunSettings
 from nlens_video.graph.builder import lazy_sun_reader
-from nlens_video.scene.illumination import LUMINANCE
+from nlens_video.scene.illumination import LUMINANCE, from_lamp, turned_about_up
 from nlens_video.scene.plate_sun import (
     ANSWERS,
     AZIMUTHS,
@@ -88,7 +88,7 @@ def test_the_answer_tells_azimuth_and_elevation(azimuth, elevation):
 )
 def test_a_doubtful_sun_is_not_sure(doubt):
     assert read_sun(reader(50.0, **doubt), PLATE, camera()).certainty < 0.6
-    assert plate_sun(reader_of_court(60.0, **doubt), COURT, camera(), 0.0) is None
+    assert not plate_sun(reader_of_court(60.0, **doubt), COURT, camera(), 0.0).sure
 
 
 def test_a_plate_that_contradicts_its_mirror_image_is_not_sure():
@@ -102,9 +102,30 @@ def test_a_sun_whose_shadows_the_ground_shows_is_believed_sooner():
     # as likely as 70 %: enough beside shadows that lie as it casts them, not without
     likely = {"shines": 0.85}
     seen = plate_sun(reader_of_court(60.0, **likely), COURT, camera(), 0.0)
+    assert seen.sure
     np.testing.assert_allclose(np.log2(seen.left), np.log2(LEFT), atol=0.1)
-    assert plate_sun(reader_of_court(150.0, **likely), COURT, camera(), 0.0) is None
-    assert plate_sun(reader_of_court(150.0, shines=4.0), COURT, camera(), 0.0) is not None
+    assert not plate_sun(reader_of_court(150.0, **likely), COURT, camera(), 0.0).sure
+    assert plate_sun(reader_of_court(150.0, shines=4.0), COURT, camera(), 0.0).sure
+
+
+@given(st.floats(-180.0, 180.0), st.floats(8.0, 60.0))
+def test_turns_are_spread_about_the_azimuth_as_its_likelihood_is(azimuth, spread_deg):
+    found = read_sun(reader(azimuth, spread_deg=spread_deg), PLATE, camera())
+    turns = np.degrees(found.turns)
+    assert (np.diff(turns) >= 0.0).all() and turns[-1] - turns[0] < 360.0
+    off = math.degrees(found.azimuth) + turns.mean() - azimuth
+    assert abs((off + 180.0) % 360.0 - 180.0) < 2.0
+    assert turns.std() == pytest.approx(spread_deg, rel=0.12, abs=1.0)
+
+
+def test_the_less_a_sun_is_likely_the_more_of_the_light_its_shadow_leaves():
+    left = [
+        float(read_sun(reader(50.0, shines=logit), PLATE, camera()).left[0])
+        for logit in (-20.0, 0.0, 20.0)
+    ]
+    assert left == sorted(left, reverse=True)
+    # without a sun every other place has a lamp
+    assert 1.0 - left[0] == pytest.approx(0.5 * (1.0 - left[2]))
 
 
 @given(st.floats(0.05, 20.0))
@@ -174,7 +195,11 @@ def lit(light, seen=None, lights=()):
     return light.with_sun(around, COURT, camera(), SEAT, lights, seen)
 
 
-SEEN = PlateSun(azimuth=math.radians(60.0), elevation=math.radians(35.0), left=LEFT, certainty=0.9)
+SEEN = PlateSun(
+    azimuth=math.radians(60.0), elevation=math.radians(35.0),
+    turns=np.radians([-30.0, 0.0, 0.0, 30.0]), left=LEFT, certainty=0.9, sure=True,
+)  # fmt: skip
+UNSURE = replace(SEEN, certainty=0.4, sure=False)
 
 
 def test_a_sun_on_the_plate_lights_what_no_file_lights():
@@ -187,8 +212,24 @@ def test_a_sun_on_the_plate_lights_what_no_file_lights():
     assert levels[1] == pytest.approx(levels[0], rel=1e-3)
 
 
-def test_its_shadow_is_as_dark_as_was_read():
-    np.testing.assert_allclose(lit(SceneLight(0), SEEN).shadow_left, LEFT)
+@pytest.mark.parametrize("seen", [SEEN, UNSURE], ids=["sure", "not sure"])
+def test_its_shadow_is_as_dark_and_as_broad_as_was_read(seen):
+    light = SceneLight(0)
+    ground = light.on_ground((), lit(light, seen))
+    lamp = ground.lamps[0]
+    given = from_lamp(lamp, SEAT.foot)
+    np.testing.assert_allclose(1.0 - given / ground.on_plane(SEAT.foot), LEFT, atol=1e-3)
+    turned = turned_about_up(-lamp.posed.direction, lamp.turns)
+    for direction, turn in zip(turned, seen.turns, strict=True):
+        there = replace(seen, azimuth=seen.azimuth + turn).settings
+        np.testing.assert_allclose(direction, toward_sun(there, camera()), atol=1e-6)
+
+
+def test_a_sun_that_is_not_sure_lights_no_side_of_the_object():
+    light = SceneLight(0)
+    one, other = (light.on_object((), lit(light, seen)) for seen in (UNSURE, None))
+    assert one.lamps == other.lamps
+    np.testing.assert_array_equal(one.ambient, other.ambient)
 
 
 @pytest.mark.parametrize(
@@ -196,7 +237,8 @@ def test_its_shadow_is_as_dark_as_was_read():
 )
 def test_what_is_told_is_not_read_off_the_plate(light):
     lights = (file_sun(),) if light.count else ()
-    assert lit(light, SEEN, lights).lamps == lit(light, None, lights).lamps
+    found, expected = lit(light, SEEN, lights), lit(light, None, lights)
+    assert found.lamps == expected.lamps and found.on_ground is None
 
 
 def test_no_sun_leaves_the_light_as_it_is():
@@ -207,6 +249,7 @@ def test_no_sun_leaves_the_light_as_it_is():
 
 def test_the_note_gives_the_sun_as_the_option_takes_it():
     assert "--sun 60,35 " in SEEN.note and "90 % sure" in SEEN.note
+    assert "--sun 60,35 " in UNSURE.note and "no sun is sure" in UNSURE.note
 
 
 @pytest.fixture(scope="module")
@@ -241,7 +284,7 @@ def test_shipped_network_reads_the_sun_off_the_shadows_of_things(shipped, azimut
 def test_shipped_network_claims_no_sun_where_no_shadow_is(shipped, codes):
     plate = ArrayPicture(codes.astype(np.uint8), "rgb")
     height, width = codes.shape[:2]
-    assert shipped(plate, camera().resized(width, height), 0.0) is None
+    assert not shipped(plate, camera().resized(width, height), 0.0).sure
 
 
 @pytest.mark.slow

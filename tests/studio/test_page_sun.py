@@ -1,6 +1,7 @@
 """The sun on the studio's page: on its disc, by the end of its shadow, by keys."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -124,3 +125,12 @@ def test_a_shot_without_any_sun_shows_no_handle_and_keeps_saying_so(browser, stu
         assert page.locator("#sun-dial").is_hidden() and page.locator("#sun-rows").is_hidden()
         at_rest(page, lambda: page.locator("#shadow").select_option(index=1))
         assert saved(page, studio.shot)["light"]["sun"] == "none"
+
+
+def test_a_sun_that_is_switched_on_begins_where_the_plate_tells_it(browser, studio):
+    studio.reset(**(LIT | {"light": {}}))
+    with shown(browser, studio.server) as page:
+        told = re.search(r"--sun (-?\d+),(\d+) \(", page.locator("#notes").inner_text())
+        assert told is not None
+        at_rest(page, lambda: page.locator("#sun").check())
+        assert sun_of(studio.shot, page) == [int(told[1]), int(told[2]), 2]

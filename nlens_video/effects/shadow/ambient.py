@@ -86,6 +86,11 @@ def radiance(axes: Float64, ambient: Float64) -> Float64:
     return np.maximum(bright, _DARKEST * mean) if mean > 0.0 else np.zeros_like(bright)
 
 
+def hemisphere_spacing(directions: int) -> float:
+    """Angle between so many directions above [rad]."""
+    return math.sqrt(2.0 * math.pi / directions)
+
+
 def whole_sphere(directions: int) -> Float64:
     """So many directions (N, 4) to light from all around, of the same solid angle each."""
     number = np.arange(directions)
@@ -129,7 +134,7 @@ def _dot(one: Float32, other: Float32) -> Float32:
 
 
 def smoothed(
-    hidden: Float32, view: Camera, ground_y: float, points: Float64, directions: int
+    hidden: Float32, view: Camera, ground_y: float, points: Float64, spacing: float
 ) -> Float32:
     """The blocked share (h, w) without the pattern of the few directions.
 
@@ -141,7 +146,7 @@ def smoothed(
         view: camera whose pixels are those of `hidden`.
         ground_y: height of the ground [scene unit].
         points: of the casters (P, 3) [scene unit].
-        directions: their number.
+        spacing: of the directions [rad].
     """
     height, width = hidden.shape
     step = min(_EVERY, height, width)
@@ -151,7 +156,7 @@ def smoothed(
     )  # fmt: skip
     ground = far.plane_points(ground_y).astype(np.float32)
     disparity = np.maximum(far.plane_disparity(ground_y), 0.0)
-    level = pattern_level(ground, disparity, points, view.fx, directions)
+    level = pattern_level(ground, disparity, points, view.fx, spacing)
     size = far.width * step, far.height * step
     wide: Float32 = np.asarray(
         cv2.resize(level, size, interpolation=cv2.INTER_LINEAR), dtype=np.float32
@@ -161,7 +166,7 @@ def smoothed(
 
 
 def pattern_level(
-    surface: Float32, disparity: Float64, points: Float64, focal_px: float, directions: int
+    surface: Float32, disparity: Float64, points: Float64, focal_px: float, spacing: float
 ) -> Float32:
     """How far each pixel is blurred against the pattern of few directions (h, w), for `blurred`.
 
@@ -170,13 +175,13 @@ def pattern_level(
         disparity: of it (h, w) [1 / scene unit].
         points: of the casters (P, 3) [scene unit].
         focal_px: focal length [px].
-        directions: number of directions of the light from around.
+        spacing: of the directions that the light comes from [rad].
     """
     ground, there = surface.reshape(-1, 3), points.astype(np.float32)
     squared = (there * there).sum(axis=1) - 2.0 * (ground @ there.T)
     nearest = squared.min(axis=1) + (ground * ground).sum(axis=1)
     sigma = np.sqrt(np.maximum(nearest, 0.0)).reshape(disparity.shape) * disparity
-    sigma *= 0.5 * math.sqrt(2.0 * math.pi / directions) * focal_px / _FINEST_PX
+    sigma *= 0.5 * spacing * focal_px / _FINEST_PX
     level = np.log2(np.maximum(sigma, 0.5)).clip(-1.0, _LEVELS - 1.001) + 1.0
     return np.asarray(level, dtype=np.float32)
 

@@ -18,23 +18,18 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import (
-    hemisphere,
-    smoothed,
-    surface_points,
-    visible_contact,
-)
+from nlens_video.effects.shadow.ambient import smoothed, surface_points, visible_contact
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
+from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
-_COARSE = 4  # contact darkening is smooth: step of its grid [px]
+_COARSE = 4  # contact darkening and shadows of unsure lamps are smooth: step of their grid [px]
 _FINER, _FEW = 2, 16384  # for thin legs: step where that takes no more samples than so many
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
-_GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
 BLACKEST = 0.999
 """Largest loss: some light always comes back from the body [1]."""
@@ -88,33 +83,34 @@ class CastShadow:
         lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
         middle = np.mean([occluder.bounds for occluder in standing], axis=(0, 1))
         ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
-        lights = [lamp_points(lamp, middle, self.lamp_points) for lamp in lamps]
+        sources = [LightSamples.of_lamp(lamp, middle, self.lamp_points) for lamp in lamps]
         if ambient.any():
-            lights.append(hemisphere(self.ambient_directions, light.ambient))
+            sources.append(LightSamples.of_sky(light.ambient, self.ambient_directions))
         frame = Box(0, 0, camera.width, camera.height)
         _, most = ground_blur(camera, ground_y, frame, fit)
         seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
         boxes = [
-            reduce(Box.union, (reached(occluder, own, seen) for occluder in standing))
-            for own in lights
+            reduce(Box.union, (reached(occluder, own.points, seen) for occluder in standing))
+            for own in sources
         ]
         lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
         least, _ = ground_blur(camera, ground_y, lit, fit)
         step = coarsest_step(least)
-        queries = [Query(own, len(own), Grid.on(lit, step)) for own in lights[: len(lamps)]]
-        if ambient.any():
-            finer = boxes[-1].width * boxes[-1].height <= _FEW * _FINER**2
-            around = Grid.on(boxes[-1], max(step, _FINER) if finer else _COARSE)
-            queries.append(Query(lights[-1], self.ambient_directions, around))
+        grids = [
+            _coarse_grid(box, step) if one.soft else Grid.on(lit, step)
+            for one, box in zip(sources, boxes, strict=True)
+        ]
+        queries = [
+            Query(one.points, one.count, grid) for one, grid in zip(sources, grids, strict=True)
+        ]
         hidden = hidden_shares(occluders, queries, self.threads)
-        shares = [_Share(share, one.grid) for one, share in zip(queries, hidden, strict=True)]
-        if ambient.any():
-            around = queries[-1].grid
-            points = _surface(standing[len(standing) // 2])
-            soft = smoothed(
-                hidden[-1], around.view(camera), ground_y, points, self.ambient_directions
-            )
-            shares[-1] = _Share(soft, around).contact(self.ambient_directions)
+        shares = [_Share(share, grid) for share, grid in zip(hidden, grids, strict=True)]
+        surface = _surface(standing[len(standing) // 2]) if any(o.soft for o in sources) else None
+        if surface is not None:
+            shares = [
+                share.softened(camera, ground_y, surface, own) if own.soft else share
+                for share, own in zip(shares, sources, strict=True)
+            ]
         inner = reduce(Box.union, (one.bounds for one in shares), Box(0, 0, 0, 0))
         if inner.empty:
             return None
@@ -156,9 +152,12 @@ class _Share:
     hidden: Float32
     grid: Grid
 
-    def contact(self, directions: int) -> _Share:
-        """Contact darkening of ambient light, faded out where it is too faint to be visible."""
-        return _Share(visible_contact(self.hidden, directions), self.grid)
+    def softened(
+        self, camera: Camera, ground_y: float, surface: Float64, own: LightSamples
+    ) -> _Share:
+        """It without the pattern of its samples, faded out where it is too faint to be visible."""
+        soft = smoothed(self.hidden, self.grid.view(camera), ground_y, surface, own.spacing)
+        return _Share(visible_contact(soft, own.count), self.grid)
 
     @property
     def bounds(self) -> Box:
@@ -187,32 +186,15 @@ def _surface(occluder: Occluder) -> Float64:
     )
 
 
+def _coarse_grid(box: Box, step: int) -> Grid:
+    """A grid for what is smooth, no finer than a step."""
+    finer = box.width * box.height <= _FEW * _FINER**2
+    return Grid.on(box, max(step, _FINER) if finer else _COARSE)
+
+
 def coarsest_step(least_px: float) -> int:
     """Step of a grid on which a blur of that diameter or more leaves nothing to see [px]."""
     return next(size for size in (4, 2, 1) if size == 1 or size * _PIXELS_A_DISC <= least_px)
-
-
-def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:
-    """Points (N, 4) of a lamp's disc as seen from the object; w = 0 for a distant lamp."""
-    posed = lamp.posed
-    far = posed.light.kind == "directional"
-    toward = -posed.direction if far else posed.position - middle
-    distance = float(np.linalg.norm(toward))
-    axis = toward / max(distance, np.finfo(np.float64).tiny)
-    first = _cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    second = _cross(axis, first)
-    number = np.arange(count)
-    radius = math.tan(0.5 * lamp.diameter) * distance * np.sqrt((number + 0.5) / count)
-    aside = np.cos(number * _GOLDEN)[:, None] * first + np.sin(number * _GOLDEN)[:, None] * second
-    places = (toward if far else posed.position) + radius[:, None] * aside
-    return np.column_stack([places, np.full(count, 0.0 if far else 1.0)])
-
-
-def _cross(one: Float64, other: Float64) -> Float64:
-    """The cross product of two vectors (3,); NumPy's takes ten times as long for so few numbers."""
-    (a, b, c), (d, e, f) = one, other
-    return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
 def shadow_places(moments: Sequence[Moment], lamps: Sequence[Lamp], ground_y: float) -> Float64:

@@ -12,12 +12,13 @@ import numpy.typing as npt
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.ambient import (
     blurred,
+    hemisphere_spacing,
     pattern_level,
     radiance,
     visible_contact,
     whole_sphere,
 )
-from nlens_video.effects.shadow.cast import lamp_points
+from nlens_video.effects.shadow.light_samples import LightSamples
 from nlens_video.effects.shadow.light_views import (
     SAMPLES,
     LightViews,
@@ -54,26 +55,28 @@ class SeenLights:
 
     Attributes:
         lamps: those that shine on the ground from above.
-        views: of each lamp's points.
+        sources: samples of each lamp.
+        views: of each lamp's samples.
         ambient: irradiance of the ground by all else (3,).
         around: views from directions all around, none where there is no such light.
         directions: unit vectors to these (N, 3).
         weights: radiance from each of them (N,).
         light: as a whole.
-        samples: points of each lamp, and directions to the light from above.
+        from_above: number of directions to the light from above.
         points: of the casters (P, 3) [scene unit].
         middle: of the casters (3,) [scene unit].
         reach: distance from there at which contact darkening ends [scene unit].
     """
 
     lamps: list[Lamp]
+    sources: list[LightSamples]
     views: list[list[LightViews]]
     ambient: Float64
     around: list[LightViews]
     directions: Float64
     weights: Float64
     light: Illumination
-    samples: tuple[int, int]
+    from_above: int
     points: Float64
     middle: Float64
     reach: float
@@ -99,7 +102,8 @@ class SeenLights:
         ambient = from_around(light, middle * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0))
         depth = -float(camera.to_camera(middle[None])[0, 2])
         cell = max(abs(depth), float(np.finfo(np.float32).tiny)) / camera.fx
-        views = [views_of(lamp_points(lamp, middle, samples[0]), casters, cell) for lamp in lamps]
+        sources = [LightSamples.of_lamp(lamp, middle, samples[0]) for lamp in lamps]
+        views = [views_of(own.points, casters, cell) for own in sources]
         around = whole_sphere(_AROUND * samples[1])[: None if ambient.any() else 0]
         weights: Float64 = np.asarray(around[:, 1] > 0.0, np.float64)
         if light.ambient is not None and len(around):
@@ -107,8 +111,8 @@ class SeenLights:
         reach = _REACH * float(np.linalg.norm(np.ptp(bounds.reshape(-1, 3), axis=0)))
         points = known[len(known) // 2].points[:: SAMPLES // _FEW].astype(np.float64)
         return cls(
-            lamps, views, ambient, views_of(around, casters, COARSE * cell), around[:, :3], weights,
-            light, samples, points, middle, reach,
+            lamps, sources, views, ambient, views_of(around, casters, COARSE * cell),
+            around[:, :3], weights, light, samples[1], points, middle, reach,
         )  # fmt: skip
 
     def may_block(self, points: Float32) -> Bool:
@@ -134,9 +138,11 @@ class SeenLights:
         at = np.flatnonzero(off)
         points = seen.points.reshape(-1, 3).take(at, axis=0)
         shares = np.zeros((len(self.lamps) + 1, len(points)), np.float32)
-        for own, views in zip(shares, self.views, strict=False):
+        for own, source, views in zip(shares, self.sources, self.views, strict=False):
             found = blocked(draw(views, threads), points, threads=threads)[0]
-            own[:] = found / np.float32(self.samples[0])
+            own[:] = found / np.float32(source.count)
+            if source.soft:
+                own[:] = visible_contact(own, source.count)
         if self.around:
             shares[-1] = self._contact(seen, off, view, threads)
             shares[-1] *= np.float32(self.light.contact)
@@ -180,14 +186,14 @@ class SeenLights:
         sparse = (slice(None, None, COARSE), slice(None, None, COARSE))
         level = pattern_level(
             points[sparse], disparity[sparse].astype(np.float64), self.points, view.fx / COARSE,
-            self.samples[1],
+            hemisphere_spacing(self.from_above),
         )  # fmt: skip
         level = _enlarged(level, some)
         # of the sums, so that nothing of the ground beside a thing comes in
         dark, whole = blurred(dark, level, 1.0), blurred(whole, level, 1.0)
         dark, whole = (_enlarged(part, off)[off] for part in (dark, whole))
         hidden = np.divide(dark, whole, out=np.zeros_like(dark), where=whole > 0.0)
-        return visible_contact(hidden, self.samples[1])
+        return visible_contact(hidden, self.from_above)
 
 
 def _normals_at(where: Index, disparity: Float32, view: Camera) -> Float64:

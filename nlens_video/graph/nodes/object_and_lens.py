@@ -20,6 +20,7 @@ from nlens_video.stages.r_regression import FitLens
 if TYPE_CHECKING:
     from nlens_video.core.known_lens import LensPrior
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
+    from nlens_video.core.settings import SunSettings
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
@@ -72,6 +73,11 @@ class EstimateLight(Node):
     def notes(self) -> tuple[str, ...]:
         """The sun that was read off the plate."""
         return () if self._sun is None else (self._sun.note,)
+
+    @property
+    def likeliest_sun(self) -> SunSettings | None:
+        """The sun that was read off the plate, sure or not; None where none was looked for."""
+        return None if self._sun is None else self._sun.settings
 
     def under_sun_of(self, context: NodeContext) -> EstimateLight:
         """The node for another sun, whose light from around is not estimated again."""

@@ -381,7 +381,7 @@ field("show-found").addEventListener("change", () => {
   stage.overlay();
 });
 field("sun").addEventListener("change", () => {
-  shot.set("light", { sun: field("sun").checked ? [60, 40, 2] : undefined });
+  shot.set("light", { sun: field("sun").checked ? [...(last?.sun ?? [60, 40]), 2] : undefined });
   changed("rest");
 });
 for (const id of ["azimuth", "elevation", "strength"]) {
