@@ -86,10 +86,9 @@ class SceneLight:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
-                f"{text}: level and tint as seen, and a sun as far as shadows on its ground tell "
-                "one; "
-                "--sun AZ,EL gives it (degrees right of the view, and up), --sun none leaves it "
-                "out; --env-map MAP.hdr gives all light",
+                f"{text}, level and tint as seen, and a sun as far as its shadows tell one; "
+                "--sun AZ,EL gives it (degrees right of the view, and up), --env-map MAP.hdr "
+                "all light",
                 NoteKind.LIGHTS_MISSING,
             )
         return Note(text, NoteKind.INFORMATION)
