@@ -26,6 +26,9 @@ _WHITE = 1.25  # radiance of a white sheet that lies on the ground, in a plate o
 _MEAN = 0.22  # light of such a plate [1]
 _EXPOSED = 1.0  # so far from it a plate may be by what it shows; beyond, its light differs [EV]
 _FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
+_BURNT, _BARELY = 0.0135, 0.01  # share of clipped pixels of average plates, and least one [1]
+_BY_BURNT = 0.45  # of the logarithm of that share, part that is the light's [1]
+_MOST_BURNT = 1.5  # what it raises the level by at most [EV]
 _DARKEST = 0.06  # reflectance below which grounds are not taken to be: they lie in less light [1]
 _DIMMED = 0.25  # of the level, what so little light is at least [1]
 _AROUND = 1.5  # light from around by that of the lamps, as is usual [1]
@@ -91,7 +94,7 @@ def plate_environment(
     fill, certainty = _extended(light, seen, camera, directions)
     below = up < 0.0
     light = np.where((below & ~seen)[..., None], ground, light)
-    wanted = _irradiance_of_ground(plate, ground, lamps)
+    wanted = _irradiance_of_ground(plate, level_of_ground(plate, camera, seat), lamps)
     most = _BY_SOURCES * float(wanted @ LUMINANCE)
     light = np.where(((~below) & seen)[..., None], _unclipped(light, solid, most), light)
     open_ = (~below & ~seen)[..., None]
@@ -133,19 +136,18 @@ def _ground_radiance(plate: Float32, camera: Camera, seat: Seat) -> Float64:
     return np.asarray(np.einsum("hw,hwc->c", weight, plate.astype(np.float64)) / weight.sum())
 
 
-def _irradiance_of_ground(plate: Float32, ground: Float64, lamps: Float64) -> Float64:
+def _irradiance_of_ground(plate: Float32, level: float, lamps: Float64) -> Float64:
     """Irradiance (3,) that the ground gets from around, beside the file's lights.
 
-    A camera is set so that white is about as bright in most plates, whatever they show. With lamps
-    of the file, what they leave of that level and a usual share of their light are averaged.
+    With lamps of the file, what they leave of the level and a usual share of their light are
+    averaged.
 
     Args:
         plate: scene-linear (h, w, 3).
-        ground: its radiance near the object (3,).
+        level: luminous irradiance by all light [1].
         lamps: irradiance that the file's lights give the ground (3,).
     """
     mean = plate.mean((0, 1)).astype(np.float64)
-    level = _level(mean, ground)
     given = float(lamps @ LUMINANCE)
     if given > 0.0:
         left = max(level - given, _LEAST * level)
@@ -155,19 +157,32 @@ def _irradiance_of_ground(plate: Float32, ground: Float64, lamps: Float64) -> Fl
 
 
 def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
-    """Luminous irradiance of the ground by all light, as `plate_environment` takes it [1]."""
-    return _level(plate.mean((0, 1)).astype(np.float64), _ground_radiance(plate, camera, seat))
+    """Luminous irradiance of the ground by all light, as `plate_environment` takes it [1].
 
+    A camera is set so that white is about as bright in most plates, whatever they show. The more
+    of what lies below the horizon is burnt out, the brighter it is in this one.
 
-def _level(mean: Float64, ground: Float64) -> float:
-    """The same from the mean light of the plate (3,) and the ground's radiance (3,)."""
-    near = max(float(ground @ LUMINANCE), 1e-4)
-    seen = math.sqrt(max(float(mean @ LUMINANCE), 1e-4) * near)
-    stops = math.log2(seen / _MEAN)
+    Args:
+        plate: scene-linear (h, w, 3), of any size.
+        camera: of the frame.
+        seat: where the object stands.
+    """
+    mean = float(plate.mean((0, 1)).astype(np.float64) @ LUMINANCE)
+    near = max(float(_ground_radiance(plate, camera, seat) @ LUMINANCE), 1e-4)
+    stops = math.log2(math.sqrt(max(mean, 1e-4) * near) / _MEAN)
     beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
-    level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond)
+    burnt = math.log2((_burnt_out(plate, camera, seat) + _BARELY) / _BURNT)
+    raised = min(_BY_BURNT * burnt, _MOST_BURNT)
+    level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond + raised)
     # against a bright sky, as at dusk, the ground tells more of the light than the whole plate
     return float(min(level, max(math.pi * near / _DARKEST, _DIMMED * level)))
+
+
+def _burnt_out(plate: Float32, camera: Camera, seat: Seat) -> float:
+    """Share of clipped pixels below the horizon, of all where none is below it [1]."""
+    clipped = plate.max(axis=2) >= _CLIPPED
+    _, below = _ground_points(camera, (plate.shape[0], plate.shape[1]), seat)
+    return float((clipped[below] if below.any() else clipped).mean())
 
 
 def _ground_points(camera: Camera, size: tuple[int, int], seat: Seat) -> tuple[Float64, Bool]:

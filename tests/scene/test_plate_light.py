@@ -18,7 +18,7 @@ from nlens_video.scene.illumination import (
     hemispheres,
     sun,
 )
-from nlens_video.scene.plate_environment import Seat, plate_environment, sphere
+from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment, sphere
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.scene.surround import mirrored_light
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -94,6 +94,23 @@ def test_level_hardly_follows_what_a_plate_shows_but_follows_a_night():
     )
     assert 1.0 < bright / dim < 1.2
     assert dim / night > 4.0
+
+
+def test_the_more_is_burnt_out_below_the_horizon_the_more_light_falls_on_the_ground():
+    levels = []
+    for rows in (0, 2, 10, 30):
+        picture = plate(below=(0.2, 0.2, 0.2))
+        picture[100 - rows :, :40] = 1.0  # white things beside the view
+        levels.append(level_of_ground(picture, level_camera(), SEAT))
+    assert levels == sorted(levels)
+    assert 1.3 < levels[2] / levels[0] < 4.0
+
+
+def test_a_burnt_out_sky_tells_nothing_of_the_light_on_the_ground():
+    one, other = (
+        level_of_ground(plate(above=(sky, sky, sky)), level_camera(), SEAT) for sky in (0.95, 1.0)
+    )
+    assert other == pytest.approx(one, rel=0.01)
 
 
 def test_clipped_window_is_a_light_from_its_direction():
