@@ -28,6 +28,7 @@ _EXPOSED = 1.0  # so far from it a plate may be by what it shows; beyond, its li
 _FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
 _BURNT, _BARELY = 0.0135, 0.01  # share of clipped pixels of average plates, and least one [1]
 _BY_BURNT = 0.45  # of the logarithm of that share, part that is the light's [1]
+_GAPS = 3  # between parts of one sky, as of leaves [px of the reduced plate]
 _MOST_BURNT = 1.5  # what it raises the level by at most [EV]
 _DARKEST = 0.06  # reflectance below which grounds are not taken to be: they lie in less light [1]
 _DIMMED = 0.25  # of the level, what so little light is at least [1]
@@ -179,10 +180,16 @@ def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
 
 
 def _burnt_out(plate: Float32, camera: Camera, seat: Seat) -> float:
-    """Share of clipped pixels below the horizon, of all where none is below it [1]."""
-    clipped = plate.max(axis=2) >= _CLIPPED
+    """Share of clipped pixels below the horizon, of all where none is below it [1].
+
+    What reaches up to the frame's border is sky, wherever a camera that is guessed has its horizon.
+    """
+    clipped = (plate.max(axis=2) >= _CLIPPED).astype(np.uint8)
+    _, parts = cv2.connectedComponents(cv2.dilate(clipped, np.ones((_GAPS, _GAPS), np.uint8)))
+    sky = np.isin(parts, parts[0][parts[0] > 0])
     _, below = _ground_points(camera, (plate.shape[0], plate.shape[1]), seat)
-    return float((clipped[below] if below.any() else clipped).mean())
+    burnt = (clipped > 0) & ~sky
+    return float((burnt[below] if below.any() else burnt).mean())
 
 
 def _ground_points(camera: Camera, size: tuple[int, int], seat: Seat) -> tuple[Float64, Bool]:

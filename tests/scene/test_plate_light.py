@@ -100,7 +100,7 @@ def test_the_more_is_burnt_out_below_the_horizon_the_more_light_falls_on_the_gro
     levels = []
     for rows in (0, 2, 10, 30):
         picture = plate(below=(0.2, 0.2, 0.2))
-        picture[100 - rows :, :40] = 1.0  # white things beside the view
+        picture[100 - rows :, :40] = 1.0  # white things
         levels.append(level_of_ground(picture, level_camera(), SEAT))
     assert levels == sorted(levels)
     assert 1.3 < levels[2] / levels[0] < 4.0
@@ -111,6 +111,14 @@ def test_a_burnt_out_sky_tells_nothing_of_the_light_on_the_ground():
         level_of_ground(plate(above=(sky, sky, sky)), level_camera(), SEAT) for sky in (0.95, 1.0)
     )
     assert other == pytest.approx(one, rel=0.01)
+
+
+def test_a_burnt_out_sky_below_a_wrong_horizon_tells_nothing_either():
+    """The camera is taken to look down, and its horizon to be above the frame."""
+    one, other = (
+        level_of_ground(plate(above=(sky, sky, sky)), looking_down(), SEAT) for sky in (0.95, 1.0)
+    )
+    assert other == pytest.approx(one, rel=0.02)
 
 
 def test_clipped_window_is_a_light_from_its_direction():
