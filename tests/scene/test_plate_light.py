@@ -118,7 +118,7 @@ def test_a_burnt_out_sky_below_a_wrong_horizon_tells_nothing_either():
     one, other = (
         level_of_ground(plate(above=(sky, sky, sky)), looking_down(), SEAT) for sky in (0.95, 1.0)
     )
-    assert other == pytest.approx(one, rel=0.02)
+    assert one <= other < 1.1 * one  # as the brighter picture by itself
 
 
 def test_clipped_window_is_a_light_from_its_direction():
