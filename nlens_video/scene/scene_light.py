@@ -26,7 +26,7 @@ from nlens_video.scene.plate_sun import PlateSun, toward_sun
 
 _SUN_DIAMETER = math.radians(0.53)
 _SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is known that well
-_ON_OBJECT = 0.5  # exponent of what its shadow leaves, for its share on the object: level unsure
+_ON_OBJECT = 0.35  # exponent of what its shadow leaves, for its share on the object: level unsure
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
 _STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
