@@ -78,7 +78,6 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
     ("options", "words"),
     [
         ({"at": (0.5, 0.2), "size": 0.3}, "at=(0.5, 0.2)"),
-        ({"at": (0.5, 0.8)}, "give both at and size"),
         ({"at": (0.5, 0.8), "size": -1}, "size=-1"),
         ({"at": "left", "size": 0.3}, "at='left': 'left' is not X,Y"),
         ({"at": (0.5, 0.8), "size": "big"}, "size='big': 'big' is not a number"),

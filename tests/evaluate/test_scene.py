@@ -14,6 +14,7 @@ from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.evaluate.bench.case import plate_case
+from nlens_video.evaluate.composite.light_cases import LIGHTS, light_cases
 from nlens_video.evaluate.plates import load_plate
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.scene import Scene
@@ -71,11 +72,10 @@ def test_shadow_on_a_step_is_evaluated_with_the_plates_depth(plate, capsys):
     real[:, : lower.shape[1]] = np.where(lower > 0.0, 1.0 / np.maximum(lower, 1e-6), 1e4)
     write_layers(plate / "bg_depth.exr", {"Z": real})
     known, posed = load_plate(plate), Scene.load(plate / "object.glb").pose(0.0)
-    light, fit = SceneLight(1).on_ground(posed.lights), plate_case(known).fit
+    (_, light), fit = light_cases(known)[LIGHTS], plate_case(known).fit
     moments = [Moment(Casters.of(posed, CasterCache()), known.camera)]
-    shadow = CastOnThings()(
-        CastShadow()(moments, light, 0.0, fit), moments, light, 0.0, fit, DepthMap(real)
-    )
+    plane = CastShadow(strength=0.9)(moments, light, 0.0, fit)
+    shadow = CastOnThings(strength=0.9)(plane, moments, light, 0.0, fit, DepthMap(real))
     codes = cv2.imread(str(plate / "gt_noshadow.png"))
     frame = Box(0, 0, codes.shape[1], codes.shape[0])
     ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))(ArrayPicture(codes), shadow, frame)
