@@ -165,7 +165,11 @@ class GroundPlacing:
 
 
 def usual_size(at: tuple[float, float]) -> float:
-    """The size where none is given, with room above, of an object at a place [frame height]."""
+    """Size of an object whose size is not given: it leaves room above [frame height].
+
+    Args:
+        at: where it touches the ground, as of `GroundPlacing`.
+    """
     return min(_USUAL, max(at[1] - _HEADROOM, SMALLEST))
 
 

@@ -237,7 +237,12 @@ def reaches(lamp: Lamp, ground_y: float) -> bool:
 
 
 def turned_about_up(vectors: Float64, turns: Float64) -> Float64:
-    """Vectors (3,) or (N, 3), turned about the vertical by one angle or by each its own (N, 3)."""
+    """Vectors turned about the vertical, counterclockwise from above (N, 3).
+
+    Args:
+        vectors: one (3,), turned by all angles, or as many as angles (N, 3).
+        turns: (N,) [rad].
+    """
     cosine, sine = np.cos(turns), np.sin(turns)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack(np.broadcast_arrays(cosine * x + sine * z, y, cosine * z - sine * x), axis=-1)

@@ -208,7 +208,7 @@ class SceneLight:
 
         Args:
             lights: the file's, at this moment.
-            plate_light: from `around`; None where no plate is known.
+            plate_light: from `with_sun`; None where no plate is known.
         """
         own = self._lamps(lights) if self.count else ()
         rest = plate_light or self.environment
@@ -223,7 +223,15 @@ class SceneLight:
     def on_ground(
         self, lights: tuple[PosedLight, ...], plate_light: Illumination | None = None
     ) -> Illumination:
-        """Illumination that casts shadows on the ground: no lamp whose direction is a guess."""
+        """Illumination that casts shadows on the ground.
+
+        No lamp whose direction is a guess, but a sun that the plate tells: it is as broad as it is
+        unsure.
+
+        Args:
+            lights: the file's, at this moment.
+            plate_light: from `with_sun`; None where no plate is known.
+        """
         if plate_light is not None and plate_light.on_ground is not None:
             return plate_light.on_ground
         light = self.on_object(lights, plate_light)

@@ -49,7 +49,7 @@ class CastShadow:
 
     Attributes:
         strength: factor on the shadow, 1 is physical, 0 none [1].
-        lamp_points: samples of each lamp.
+        lamp_points: samples of each lamp; three times as many where its direction is unsure.
         ambient_directions: samples of the ambient light.
         threads: limit; default: one a processor. The result does not depend on it.
     """

@@ -38,7 +38,7 @@ class CastOnThings:
 
     Attributes:
         strength: factor on the shadow, 1 is physical [1].
-        lamp_points: samples of each lamp.
+        lamp_points: samples of each lamp; three times as many where its direction is unsure.
         ambient_directions: samples of the ambient light from above.
         threads: limit; default: one a processor. The result does not depend on it.
     """

@@ -57,7 +57,16 @@ class LightSamples:
 
 
 def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:
-    """Points (N, 4) of a lamp's disc as seen from the object; w = 0 for a distant lamp."""
+    """Points (N, 4) of a lamp's disc as seen from the object; w = 0 for a distant lamp.
+
+    Where its direction is unsure, each is turned about the vertical by another of `Lamp.turns`; a
+    single one stays where the lamp is.
+
+    Args:
+        lamp: the lamp.
+        middle: of the object (3,) [scene unit].
+        count: number of points, N.
+    """
     posed = lamp.posed
     far = posed.light.kind == "directional"
     toward = -posed.direction if far else posed.position - middle
