@@ -161,7 +161,7 @@ hosts: programs
 	@touch $@
 
 test: programs lint
-	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest
+	REQUIRE_GL=1 REQUIRE_TORCH=1 REQUIRE_PROGRAMS=1 REQUIRE_CHROMIUM=1 $(BIN)/python -m pytest -n 2
 
 fuzz: system $(VENV)/.installed-test
 	PYTHONPATH=tests $(BIN)/python -X faulthandler -W error -m hard.fuzz
