@@ -6,6 +6,7 @@ no other frame is predicted from are not decoded, and of the others a few each s
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -14,6 +15,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.moving_foreground import StillSurvey
+from nlens_video.graph.scheduler import run_workers
 from nlens_video.run.lens_request import frame_s
 from nlens_video.run.open_run import opened
 from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
@@ -67,11 +69,13 @@ def first_look(settings: Settings) -> FirstLook | None:
             source.leave_out_unreferenced()
         lens = _LensWatch(frame_s(info) or 1 / 25)
         survey = StillSurvey((info.width, info.height)) if end is None else None
-        for frame in takewhile(lambda frame: end is None or frame.index < end, source):
-            signals.check()
-            lens.see(frame.time_s, frame.picture)
-            if survey is not None:
-                survey.see(frame)
+        frames = takewhile(lambda frame: end is None or frame.index < end, source)
+        with closing(run_workers(frames, ())) as decoded:
+            for frame in decoded:
+                signals.check()
+                lens.see(frame.time_s, frame.picture)
+                if survey is not None:
+                    survey.see(frame)
     return FirstLook(lens.rests(), survey)
 
 

@@ -17,43 +17,7 @@ constexpr int kFirstPiece = (127 + kFirstOctave) << kStepBits;
 constexpr std::int32_t kMask = (1 << kShift) - 1;
 constexpr float kSmallest = 0x1p-40f, kFraction = 1.0f / (1 << kShift);
 
-// What a table gives at a value of any sign: the float's exponent and mantissa are the position.
-inline float look_up(Array<const float, 1> table, float value) {
-    const float size = std::fabs(value);
-    float found;
-    if (size < kSmallest) {
-        found = table(0) + (table(1) - table(0)) * (size / kSmallest);
-    } else {
-        const auto bits = std::bit_cast<std::int32_t>(size);
-        const int piece = std::min((bits >> kShift) - kFirstPiece + 1, table.shape[0] - 2);
-        const float low = table(piece);
-        found = low + (table(piece + 1) - low) * (static_cast<float>(bits & kMask) * kFraction);
-    }
-    return value >= 0.0f ? found : -found;
-}
-
-struct Rgb {
-    float r, g, b;
-};
-
-inline Rgb look_up(Array<const float, 1> table, Rgb v) {
-    return {look_up(table, v.r), look_up(table, v.g), look_up(table, v.b)};
-}
-
 using Matrix = Array<const float, 2>;  // (3, 3), or (3, 4) with an offset
-
-inline float dot(Matrix matrix, int row, Rgb v) {
-    return matrix(row, 0) * v.r + matrix(row, 1) * v.g + matrix(row, 2) * v.b;
-}
-
-inline Rgb apply(Matrix matrix, Rgb v) {
-    return {dot(matrix, 0, v), dot(matrix, 1, v), dot(matrix, 2, v)};
-}
-
-inline Rgb apply_affine(Matrix matrix, Rgb v) {
-    const Rgb turned = apply(matrix, v);
-    return {turned.r + matrix(0, 3), turned.g + matrix(1, 3), turned.b + matrix(2, 3)};
-}
 
 template <class Sample>
 using Plane = Strided<Sample, 2>;
@@ -70,8 +34,8 @@ struct Axis {
     int of(int luma) const { return (luma + phase) / step; }  // not negative
 };
 
-// Replaces the values of a row by what a table gives, as `look_up`; without branches, so that several
-// are looked up at once.
+// Replaces the values of a row, of any sign, by what a table gives: a float's exponent and mantissa
+// are its position. Without branches, so that several are looked up at once.
 inline void look_up_row(Array<const float, 1> table, float* __restrict row, int count) {
     const float* __restrict entries = table.data;
     const int last = table.shape[0] - 2;

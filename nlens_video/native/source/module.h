@@ -15,6 +15,7 @@ void bind_animation(nanobind::module_& module);
 void bind_aperture_covariance(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
 void bind_coc_discontinuities(nanobind::module_& module);
+void bind_composite_over(nanobind::module_& module);
 void bind_deferred(nanobind::module_& module);
 void bind_depth_layers(nanobind::module_& module);
 void bind_exposure(nanobind::module_& module);

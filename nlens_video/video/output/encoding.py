@@ -231,6 +231,7 @@ class EncoderClock:
 
     def __init__(self, info: SourceInfo) -> None:
         self.time_base = info.time_base
+        self._longest: int | None = None  # delay, in ticks of the encoder's packets
 
     def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
         """Set the time of a frame to encode."""
@@ -240,9 +241,11 @@ class EncoderClock:
     def retimed(self, packets: Packets) -> Packets:
         """The packets, in place, at the source's times."""
         for packet in packets:
+            if self._longest is None and packet.time_base:
+                self._longest = int(_LONGEST_DELAY_S / packet.time_base)
             # x265 leaves dts undefined in clips shorter than its reordering delay
-            if packet.pts is not None and packet.dts is not None and packet.time_base:
-                if abs(packet.pts - packet.dts) * packet.time_base > _LONGEST_DELAY_S:
+            if packet.pts is not None and packet.dts is not None and self._longest is not None:
+                if abs(packet.pts - packet.dts) > self._longest:
                     packet.dts = packet.pts
         return packets
 

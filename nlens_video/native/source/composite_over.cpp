@@ -1,0 +1,368 @@
+// A layer over samples, in light: `video/pixels/blend.py`.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "light_codes.h"
+#include "module.h"
+
+namespace nlens {
+namespace {
+
+// What the kernel needs to know of the samples' coding.
+struct Tables {
+    Array<const float, 1> to_linear, to_coded;
+    Matrix rgb_from_codes, codes_from_rgb, from_bt709, to_bt709;
+    static constexpr auto fields =
+        std::tuple{&Tables::to_linear,      &Tables::to_coded,   &Tables::rgb_from_codes,
+                   &Tables::codes_from_rgb, &Tables::from_bt709, &Tables::to_bt709};
+};
+
+struct Flags {
+    bool associated, of_plate;
+    static constexpr auto fields = std::tuple{&Flags::associated, &Flags::of_plate};
+};
+
+template <class Sample>
+void put(Plane<Sample> plane, int y, int x, float value, float peak) {
+    if (peak > 0.0f) value = std::floor(std::min(std::max(value, 0.0f), peak) + 0.5f);
+    plane(y, x) = static_cast<Sample>(value);
+}
+
+// The multiples of `step` from `low` to before `high`, of the first `count`.
+Pair lanes(int low, int high, int step, int count) {
+    const auto first_from = [step](int x) { return x > 0 ? (x + step - 1) / step : 0; };
+    return {first_from(low), std::min(first_from(high), count)};
+}
+
+constexpr int kBlock = 64;  // coarse samples of a row that are composited at once
+using Lane = float[kBlock];
+
+// Where the layer is not empty, with columns beyond its sides that are.
+class Drawn {
+public:
+    Drawn(Array<const float, 3> rgba, int margin)
+        : margin_(margin),
+          stride_(rgba.shape[1] + 2 * margin),
+          codes_(stride_ * rgba.shape[0]),
+          ends_(rgba.shape[0]) {
+        const int width = rgba.shape[1];
+        for (int y = 0; y < rgba.shape[0]; ++y) {
+            const float* layer = rgba.at(y);
+            std::uint8_t* drawn = codes_.data() + y * stride_ + margin;
+            for (int x = 0; x < width; ++x) {
+                const float* v = layer + 4 * x;
+                drawn[x] = !((v[0] == 0.0f) & (v[1] == 0.0f) & (v[2] == 0.0f) & (v[3] == 0.0f));
+            }
+            const auto first = std::find(drawn, drawn + width, 1) - drawn;
+            auto end = static_cast<std::ptrdiff_t>(width);
+            while (end > first && !drawn[end - 1]) --end;
+            ends_[y] = {static_cast<int>(first), static_cast<int>(end)};
+        }
+    }
+
+    // 1 where the layer is drawn, at the columns of a row.
+    const std::uint8_t* row(int y) const { return codes_.data() + y * stride_ + margin_; }
+
+    // The first column that is drawn in some rows, and the one past the last.
+    Pair ends(int from, int to) const {
+        int first = static_cast<int>(stride_), end = 0;
+        for (int y = std::max(from, 0); y < std::min(to, static_cast<int>(ends_.size())); ++y) {
+            if (ends_[y].first == ends_[y].second) continue;
+            first = std::min(first, ends_[y].first), end = std::max(end, ends_[y].second);
+        }
+        return {first, end};
+    }
+
+private:
+    std::ptrdiff_t margin_, stride_;
+    std::vector<std::uint8_t> codes_;
+    std::vector<std::pair<int, int>> ends_;
+};
+
+// The pixels of a row under the taps of a block, of the layer and of the plate.
+class Row {
+public:
+    explicit Row(int length) : length_(length), values_(7 * static_cast<std::size_t>(length)) {}
+
+    float* own(int component) { return at(component); }
+    float* alpha() { return at(3); }
+    float* luma() { return at(4); }  // the first component of the plate
+    float* plate_alpha() { return at(5); }
+    float* made() { return at(6); }  // what the first component becomes
+
+    void clear() { std::fill(values_.begin(), values_.end(), 0.0f); }
+
+private:
+    float* at(int row) { return values_.data() + static_cast<std::size_t>(row) * length_; }
+
+    int length_;
+    std::vector<float> values_;
+};
+
+// Pixels under the same tap of the coarse samples of a block.
+struct Pixels {
+    Lane own[3], alpha;  // the layer
+    Lane luma;           // the first component of the plate, then what it becomes
+    Lane plate[3];       // codes, then coded red, green and blue
+    Lane plate_alpha, behind[3];
+    std::uint8_t drawn[kBlock];  // where the layer is not empty
+    int count;
+};
+
+// Replaces the layer's colours by the change of the plate's coded red, green and blue.
+void find_changes(const Tables& tables, Flags flags, float peak, Pixels& pixels) {
+    const int count = pixels.count;
+    Lane free, gain;
+    for (int k = 0; k < count; ++k) free[k] = 1.0f - pixels.alpha[k], gain[k] = 1.0f;
+    if (!flags.associated) {
+        for (int k = 0; k < count; ++k) {
+            free[k] *= pixels.plate_alpha[k];
+            const float covered = pixels.alpha[k] + free[k];
+            gain[k] = covered > 0.0f ? 1.0f / covered : 1.0f;
+        }
+    }
+    float* const plate[3] = {pixels.plate[0], pixels.plate[1], pixels.plate[2]};
+    float* const own[3] = {pixels.own[0], pixels.own[1], pixels.own[2]};
+    apply_rows(tables.rgb_from_codes, plate, count);
+    for (int c = 0; c < 3; ++c) {
+        std::copy_n(plate[c], count, pixels.behind[c]);
+        look_up_row(tables.to_linear, pixels.behind[c], count);
+    }
+    if (flags.of_plate) {
+        Lane light[3];
+        float* const rows[3] = {light[0], light[1], light[2]};
+        for (int c = 0; c < 3; ++c) std::copy_n(pixels.behind[c], count, light[c]);
+        apply_rows(tables.to_bt709, rows, count);
+        for (int c = 0; c < 3; ++c) {
+            for (int k = 0; k < count; ++k) own[c][k] *= light[c][k];
+        }
+    }
+    apply_rows(tables.from_bt709, own, count);
+    for (int c = 0; c < 3; ++c) {
+        float *made = own[c], *was = plate[c], *behind = pixels.behind[c];
+        for (int k = 0; k < count; ++k) made[k] = (made[k] + free[k] * behind[k]) * gain[k];
+        look_up_row(tables.to_coded, made, count);
+        if (peak > 0.0f) {
+            for (int k = 0; k < count; ++k)
+                made[k] = std::min(std::max(made[k], std::min(was[k], 0.0f)), std::max(was[k], 1.0f));
+        }
+        for (int k = 0; k < count; ++k) made[k] -= was[k];
+    }
+}
+
+// Composites one layer. `kStep`: of the chroma across, where it is known at compile time, else 0.
+template <class Sample, int kStep>
+class Compositor {
+public:
+    Compositor(Planes<Sample> planes, Plane<Sample> alpha, Flags flags,
+               std::tuple<Array<const Sample, 2>, Array<const Sample, 2>> before, std::tuple<Axis, Axis> axes,
+               Pair corner, Array<const float, 3> rgba, const Tables& tables, float peak)
+        : planes_(planes),
+          alpha_(alpha),
+          flags_(flags),
+          luma_before_(std::get<0>(before)),
+          alpha_before_(std::get<1>(before)),
+          across_(std::get<0>(axes)),
+          down_(std::get<1>(axes)),
+          y0_(std::get<0>(corner)),
+          x0_(std::get<1>(corner)),
+          rgba_(rgba),
+          tables_(tables),
+          peak_(peak),
+          has_alpha_(alpha.shape[0] > 0),
+          taps_(across_.weights.shape[0]),
+          row_((kBlock - 1) * step() + std::max(taps_, step()) + std::abs(across_.first)),
+          drawn_(rgba, 2 * step() + taps_ + std::abs(across_.first)) {
+        for (int i = 0; i < 3; ++i) std::copy_n(tables.codes_from_rgb.at(i), 3, codes_from_rgb_[i]);
+    }
+
+    void run() {
+        const int y1 = y0_ + rgba_.shape[0];
+        for (int row = down_.of(y0_); row <= down_.of(y1 - 1); ++row) {
+            const int top = row * down_.step - down_.phase;
+            const auto [first, end] = drawn_.ends(top - y0_, top - y0_ + down_.step);
+            if (first >= end) continue;
+            const int columns = across_.of(x0_ + end - 1) + 1;
+            for (int begin = across_.of(x0_ + first); begin < columns; begin += kBlock)
+                composite_block(row, top, begin, std::min(kBlock, columns - begin));
+        }
+    }
+
+private:
+    int step() const { return kStep ? kStep : across_.step; }
+
+    // The coarse samples of a row from `begin` on; `top`: first row of their cells.
+    void composite_block(int row, int top, int begin, int count) {
+        const auto& [first, second, third] = planes_;
+        const int height = first.shape[0], width = first.shape[1], x1 = x0_ + rgba_.shape[1];
+        const int left = begin * step() - across_.phase;  // first column of their cells
+        if (!find_touched(top, left, count)) return;
+        for (int k = 0; k < count; ++k) {
+            total_[k] = change_b_[k] = change_c_[k] = 0.0f;
+            chroma_b_[k] = static_cast<float>(second(row, begin + k));
+            chroma_c_[k] = static_cast<float>(third(row, begin + k));
+        }
+        pixels_.count = count;
+        for (int p = 0; p < down_.weights.shape[0]; ++p) {
+            const int y = top + down_.first + p;
+            if (y < 0 || y >= height) continue;
+            const bool in_box = y0_ <= y && y < y0_ + rgba_.shape[0];
+            const bool own_row = top <= y && y < top + down_.step;
+            if (in_box) load_row(y, left, count);
+            for (int q = 0; q < taps_; ++q) {
+                const float weight = down_.weights(p) * across_.weights(q);
+                const int tap = across_.first + q, start = left + tap;
+                const auto [in_first, in_end] = lanes(-start, width - start, step(), count);
+                for (int k = in_first; k < in_end; ++k) total_[k] += weight;
+                const auto [k0, k1] = lanes(x0_ - start, x1 - start, step(), count);
+                if (in_box && k0 < k1) add_tap(y, q, start, weight, own_row && tap >= 0 && tap < step());
+            }
+            if (in_box && own_row) write_row(y, left, count);
+        }
+        for (int k = 0; k < count; ++k) {
+            if (!touched_[k]) continue;
+            put(second, row, begin + k, chroma_b_[k] + change_b_[k] / total_[k], peak_);
+            put(third, row, begin + k, chroma_c_[k] + change_c_[k] / total_[k], peak_);
+        }
+    }
+
+    // Whether the layer is not empty at any pixel of each coarse sample's cell, and of any cell.
+    bool find_touched(int top, int left, int count) {
+        std::fill_n(touched_, count, std::uint8_t{0});
+        for (int y = std::max(top - y0_, 0); y < std::min(top - y0_ + down_.step, rgba_.shape[0]); ++y) {
+            const std::uint8_t* drawn = drawn_.row(y) + (left - x0_);
+            for (int s = 0; s < step(); ++s) {
+                for (int k = 0; k < count; ++k) touched_[k] |= drawn[k * step() + s];
+            }
+        }
+        return std::find(touched_, touched_ + count, 1) != touched_ + count;
+    }
+
+    // The pixels of a row from the first tap of the block on; zero beyond the layer's sides.
+    void load_row(int y, int left, int count) {
+        const int start = left + across_.first, end = start + (count - 1) * step() + taps_;
+        const int from = std::max(start, x0_), to = std::min(end, x0_ + rgba_.shape[1]);
+        row_.clear();
+        const float* layer = rgba_.at(y - y0_) + 4 * (from - x0_);
+        const Sample* luma = luma_before_.at(y - y0_) + (from - x0_);
+        float *const red = row_.own(0) + (from - start), *const green = row_.own(1) + (from - start),
+                     *const blue = row_.own(2) + (from - start), *const alpha = row_.alpha() + (from - start),
+                     *const plate = row_.luma() + (from - start);
+        for (int x = 0; x < to - from; ++x) {
+            red[x] = layer[4 * x], green[x] = layer[4 * x + 1], blue[x] = layer[4 * x + 2];
+            alpha[x] = layer[4 * x + 3];
+        }
+        for (int x = 0; x < to - from; ++x) plate[x] = static_cast<float>(luma[x]);
+        float* const plate_alpha = row_.plate_alpha() + (from - start);
+        if (has_alpha_) {
+            const Sample* given = alpha_before_.at(y - y0_) + (from - x0_);
+            for (int x = 0; x < to - from; ++x) plate_alpha[x] = static_cast<float>(given[x]) / full();
+        } else {
+            std::fill_n(plate_alpha, std::max(to - from, 0), 1.0f);
+        }
+    }
+
+    // Adds the changes of the pixels under a tap; `own`: they lie in the coarse samples' cells.
+    void add_tap(int y, int q, int start, float weight, bool own) {
+        const int count = pixels_.count, each = step();
+        const std::uint8_t* drawn = drawn_.row(y - y0_) + (start - x0_);
+        std::uint8_t any = 0;
+        for (int k = 0; k < count; ++k) any |= pixels_.drawn[k] = drawn[k * each] & touched_[k];
+        if (!any) return;
+        const auto take = [&](float* lane, const float* row) {
+            for (int k = 0; k < count; ++k) lane[k] = row[k * each + q];
+        };
+        for (int c = 0; c < 3; ++c) take(pixels_.own[c], row_.own(c));
+        take(pixels_.alpha, row_.alpha());
+        take(pixels_.luma, row_.luma());
+        take(pixels_.plate_alpha, row_.plate_alpha());
+        std::copy_n(pixels_.luma, count, pixels_.plate[0]);
+        std::copy_n(chroma_b_, count, pixels_.plate[1]);
+        std::copy_n(chroma_c_, count, pixels_.plate[2]);
+        find_changes(tables_, flags_, peak_, pixels_);
+        const float *red = pixels_.own[0], *green = pixels_.own[1], *blue = pixels_.own[2];
+        const auto of_change = [&](int component, int k) {
+            const float* m = codes_from_rgb_[component];
+            return m[0] * red[k] + m[1] * green[k] + m[2] * blue[k];
+        };
+        for (int k = 0; k < count; ++k) {
+            const float with_b = change_b_[k] + weight * of_change(1, k);
+            const float with_c = change_c_[k] + weight * of_change(2, k);
+            change_b_[k] = pixels_.drawn[k] ? with_b : change_b_[k];
+            change_c_[k] = pixels_.drawn[k] ? with_c : change_c_[k];
+        }
+        if (!own) return;
+        float* const made = row_.made();
+        for (int k = 0; k < count; ++k) made[k * each + q] = pixels_.luma[k] + of_change(0, k);
+    }
+
+    // The first component and alpha of the cells' pixels in a row, where the layer is not empty.
+    void write_row(int y, int left, int count) {
+        const auto first = std::get<0>(planes_);
+        const int from = std::max(left, x0_);
+        const int to = std::min(left + count * step(), x0_ + rgba_.shape[1]);
+        const std::uint8_t* drawn = drawn_.row(y - y0_) - x0_;
+        const int start = left + across_.first;
+        const float *made = row_.made(), *alpha = row_.alpha(), *plate_alpha = row_.plate_alpha();
+        for (int x = from; x < to; ++x) {
+            if (!drawn[x]) continue;
+            put(first, y, x, made[x - start], peak_);
+            if (has_alpha_) {
+                const float bare = (1.0f - alpha[x - start]) * (1.0f - plate_alpha[x - start]);
+                put(alpha_, y, x, (1.0f - bare) * full(), peak_);
+            }
+        }
+    }
+
+    float full() const { return peak_ > 0.0f ? peak_ : 1.0f; }
+
+    Planes<Sample> planes_;
+    Plane<Sample> alpha_;
+    Flags flags_;
+    Array<const Sample, 2> luma_before_, alpha_before_;  // of the box, as they were
+    Axis across_, down_;
+    int y0_, x0_;
+    Array<const float, 3> rgba_;
+    const Tables& tables_;
+    float peak_;
+    bool has_alpha_;
+    int taps_;
+    Row row_;
+    Drawn drawn_;
+    float codes_from_rgb_[3][3];
+    Pixels pixels_{};
+    std::uint8_t touched_[kBlock];
+    Lane total_, change_b_, change_c_, chroma_b_, chroma_c_;
+};
+
+// `before` holds the first component and alpha (height, width) of the box as they were.
+template <class Sample>
+void composite_over(Planes<Sample> planes, Plane<Sample> alpha, Flags flags,
+                    std::tuple<Array<const Sample, 2>, Array<const Sample, 2>> before,
+                    std::tuple<Axis, Axis> axes, Pair corner, Array<const float, 3> rgba,
+                    const Tables& tables, float peak) {
+    const auto composited = [&]<int kStep>() {
+        Compositor<Sample, kStep>(planes, alpha, flags, before, axes, corner, rgba, tables, peak).run();
+    };
+    switch (std::get<0>(axes).step) {
+        case 1:
+            return composited.template operator()<1>();
+        case 2:
+            return composited.template operator()<2>();
+        default:
+            return composited.template operator()<0>();
+    }
+}
+
+}  // namespace
+
+void bind_composite_over(nanobind::module_& module) {
+    module.def("composite_over", &composite_over<std::uint8_t>, Unlocked());
+    module.def("composite_over", &composite_over<std::uint16_t>, Unlocked());
+    module.def("composite_over", &composite_over<float>, Unlocked());
+}
+
+}  // namespace nlens
