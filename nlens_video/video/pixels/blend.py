@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32
@@ -12,6 +14,7 @@ from nlens_video.native import kernels
 from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
 
 
+@lru_cache(maxsize=64)
 def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
     return axis.step, axis.phase, axis.first, np.array(axis.weights, np.float32)
 

@@ -212,6 +212,7 @@ def memory_samples(
     return _upright(views, kind, tags, _axes(kind, centred_chroma=centred_chroma), 0)
 
 
+@lru_cache(maxsize=64)
 def _axes(kind: PixelLayout, *, centred_chroma: bool) -> tuple[Axis, Axis]:
     """Subsampling across and down; chroma lies on the left luma column, or between two."""
     across, down = (Axis(step, 0, 0, (1.0 / step,) * step) for step in (kind.step_x, kind.step_y))
