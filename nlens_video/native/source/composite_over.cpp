@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "layer_rows.h"
 #include "light_codes.h"
 #include "module.h"
 
@@ -39,68 +40,6 @@ Pair lanes(int low, int high, int step, int count) {
 
 constexpr int kBlock = 64;  // coarse samples of a row that are composited at once
 using Lane = float[kBlock];
-
-// Where the layer is not empty, with columns beyond its sides that are.
-class Drawn {
-public:
-    Drawn(Array<const float, 3> rgba, int margin)
-        : margin_(margin),
-          stride_(rgba.shape[1] + 2 * margin),
-          codes_(stride_ * rgba.shape[0]),
-          ends_(rgba.shape[0]) {
-        const int width = rgba.shape[1];
-        for (int y = 0; y < rgba.shape[0]; ++y) {
-            const float* layer = rgba.at(y);
-            std::uint8_t* drawn = codes_.data() + y * stride_ + margin;
-            for (int x = 0; x < width; ++x) {
-                const float* v = layer + 4 * x;
-                drawn[x] = !((v[0] == 0.0f) & (v[1] == 0.0f) & (v[2] == 0.0f) & (v[3] == 0.0f));
-            }
-            const auto first = std::find(drawn, drawn + width, 1) - drawn;
-            auto end = static_cast<std::ptrdiff_t>(width);
-            while (end > first && !drawn[end - 1]) --end;
-            ends_[y] = {static_cast<int>(first), static_cast<int>(end)};
-        }
-    }
-
-    // 1 where the layer is drawn, at the columns of a row.
-    const std::uint8_t* row(int y) const { return codes_.data() + y * stride_ + margin_; }
-
-    // The first column that is drawn in some rows, and the one past the last.
-    Pair ends(int from, int to) const {
-        int first = static_cast<int>(stride_), end = 0;
-        for (int y = std::max(from, 0); y < std::min(to, static_cast<int>(ends_.size())); ++y) {
-            if (ends_[y].first == ends_[y].second) continue;
-            first = std::min(first, ends_[y].first), end = std::max(end, ends_[y].second);
-        }
-        return {first, end};
-    }
-
-private:
-    std::ptrdiff_t margin_, stride_;
-    std::vector<std::uint8_t> codes_;
-    std::vector<std::pair<int, int>> ends_;
-};
-
-// The pixels of a row under the taps of a block, of the layer and of the plate.
-class Row {
-public:
-    explicit Row(int length) : length_(length), values_(7 * static_cast<std::size_t>(length)) {}
-
-    float* own(int component) { return at(component); }
-    float* alpha() { return at(3); }
-    float* luma() { return at(4); }  // the first component of the plate
-    float* plate_alpha() { return at(5); }
-    float* made() { return at(6); }  // what the first component becomes
-
-    void clear() { std::fill(values_.begin(), values_.end(), 0.0f); }
-
-private:
-    float* at(int row) { return values_.data() + static_cast<std::size_t>(row) * length_; }
-
-    int length_;
-    std::vector<float> values_;
-};
 
 // Pixels under the same tap of the coarse samples of a block.
 struct Pixels {
