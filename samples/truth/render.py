@@ -243,4 +243,5 @@ def main() -> None:
             target.hide_render = True
 
 
-main()
+if __name__ == "__main__":
+    main()
