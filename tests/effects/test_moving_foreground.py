@@ -108,6 +108,33 @@ def test_a_shadow_is_no_thing_and_what_casts_it_is():
     assert thing.foot[1] == pytest.approx(80, abs=4)
 
 
+@pytest.mark.parametrize(
+    ("left", "thing"),
+    [((0.46, 0.55, 0.64), False), ((0.64, 0.55, 0.46), True), ((0.1, 0.2, 0.5), True)],
+    ids=["lit by the sky", "redder than the ground", "blue trousers"],
+)
+def test_a_shadow_may_be_bluer_than_the_ground_and_not_redder(left, thing):
+    light = scene()
+    seen = light.copy()
+    seen[40:80, 40:120] *= np.array(left, np.float32)
+    mask = things_mask(root(seen), root(light), np.full(SHAPE, 1 / 255, np.float32))
+    share = mask[44:76, 44:116].mean()
+    assert share > 0.9 if thing else share < 0.02
+
+
+def test_somebody_whose_legs_look_like_the_ground_now_and_then_goes_steadily():
+    rng = np.random.default_rng(3)
+    lost, jumping = Tracks(), Tracks()
+    for index in range(40):
+        left, legs = 20 + 3 * index, int(rng.integers(0, 31))
+        lost.add(index, [seen(Box(left, 20, left + 30, 110 - legs))], [0.3], 0.25)
+        lifted = Box(left, 20 - legs, left + 30, 110 - legs)
+        jumping.add(index, [seen(lifted)], [0.3], 0.25)
+    whole = Box(0, 0, *SHAPE[::-1])
+    assert lost.steadiness(whole) == 1.0
+    assert jumping.steadiness(whole) < 0.6
+
+
 def passing(foot_of, contact=0.25):
     """Orders of a thing of 20 px that passes, by the disparity of its foot on each frame."""
     tracks = Tracks()

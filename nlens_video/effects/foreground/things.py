@@ -20,6 +20,8 @@ LEAST_AREA = 3e-4
 """Of a thing, by that of the frame [1]."""
 _DARKEST, _LIGHTEST = 0.2, 0.97  # light that a shadow leaves [1]
 _TINT = 0.2  # a shadow's change of colour, of the light that it takes
+_BLUER = 0.25
+"""Of that light, by which a shadow is bluer where the sky lights it and the warmer sun does not."""
 _TEXTURE = 0.16  # standard deviation of the logarithm of the light that a shadow leaves
 _LEAST_FOOT = 4e-3  # area of a foot, by the square of the height of the body above it [1]
 _WINDOW = 5
@@ -107,7 +109,11 @@ def _shadow(roots: Float32, background: Float32) -> Bool:
     )
     logs = np.log(np.maximum(ratio, np.float32(1e-3)))
     mean = (logs[..., 0] + logs[..., 1] + logs[..., 2]) / np.float32(3.0)
-    tint = largest(np.abs(logs - mean[..., None]))
+    off = logs - mean[..., None]
+    bluer = np.clip(0.5 * (off[..., 2] - off[..., 0]), 0.0, np.float32(_BLUER) * np.abs(mean))
+    off[..., 0] += bluer
+    off[..., 2] -= bluer
+    tint = largest(np.abs(off))
     side = (_WINDOW, _WINDOW)
     local = cv2.blur(mean, side)
     spread = np.sqrt(np.maximum(cv2.blur(mean * mean, side) - local * local, 0.0))

@@ -11,6 +11,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.looks import Look, middle
@@ -19,6 +20,8 @@ from nlens_video.effects.foreground.things import Seen
 
 _TRAVELS = 0.6  # of its own size, that a thing must go [1]
 _JUMP = 0.08  # of its height, by which the foot of a thing that goes its way does not jump [1]
+_BODY = 0.6  # of the height of somebody, that is seen without legs that look like the ground [1]
+_TALL = 0.75  # quantile of its heights, of those with legs
 KNOWN = 6
 """Frames by which the motion of a thing is known."""
 LEAST_APART = 2
@@ -171,13 +174,16 @@ class Track:
     def jumps(self) -> int:
         """Frames on which it jumps from the line on which it goes, while it meets no other.
 
-        Its foot does, or its top while the frame's border cuts the foot.
+        Its foot does, or its top while the frame's border cuts the foot. A foot may jump by itself
+        as far as legs reach that look like the ground.
         """
         tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
-        height = float(np.median([box.height for box in self.boxes]))
+        heights = feet - tops
         cut = _thrice(self.cut)  # a foot that jumps to the border and back is no such
-        bends = np.where(cut, np.diff(tops, 2), np.diff(feet, 2))
-        return int((_thrice(self.apart) & (np.abs(bends) > _JUMP * height)).sum())
+        tall = _thrice(heights >= _BODY * np.quantile(heights, _TALL))
+        of_top, of_foot = np.abs(np.diff(tops, 2)), np.abs(np.diff(feet, 2))
+        bends = np.where(cut, of_top, np.where(tall, np.minimum(of_top, of_foot), of_foot))
+        return int((_thrice(self.apart) & (bends > _JUMP * np.median(heights))).sum())
 
     def expected(self, index: int) -> Box:
         """Where it is on a frame beside its own if it goes as it went, or before as it went later.
@@ -206,9 +212,9 @@ class Track:
         return list(islice((at for at in numbers if self.apart[at]), _GAIT))
 
 
-def _thrice(flags: list[bool]) -> Bool:
+def _thrice(flags: npt.ArrayLike) -> Bool:
     """Where a frame and both beside it are flagged (n - 2,)."""
-    each = np.array(flags)
+    each = np.asarray(flags)
     return np.asarray(each[:-2] & each[1:-1] & each[2:])
 
 
