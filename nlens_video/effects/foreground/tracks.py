@@ -153,6 +153,8 @@ class Tracks:
     def steadiness(self, place: Box, left: float = 0.0) -> float:
         """Share of the frames on which what travels through a place does not jump [1].
 
+        Things count by their area, for so much of the object they hide.
+
         Args:
             place: on the small picture.
             left: share of frames to come, by those that were seen, on which it would not [1].
@@ -162,8 +164,10 @@ class Tracks:
             if len(one.frames) >= _LONG and one.travels
             and any(not box.intersection(place).empty for box in one.boxes)
         ]  # fmt: skip
-        frames = (1.0 + left) * sum(len(one.frames) for one in known)
-        return 1.0 - sum(one.jumps for one in known) / frames if frames else 1.0
+        areas = [float(np.median([area(box) for box in one.boxes])) for one in known]
+        frames = sum(size * len(one.frames) for size, one in zip(areas, known, strict=True))
+        jumps = sum(size * one.jumps for size, one in zip(areas, known, strict=True))
+        return 1.0 - jumps / ((1.0 + left) * frames) if frames else 1.0
 
     def ordered(self) -> dict[int, tuple[Ordered, ...]]:
         """The things of each frame in their order with the object."""
