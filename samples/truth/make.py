@@ -47,13 +47,13 @@ def arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def run_blender(job: dict[str, object], threads: int) -> None:
-    """Run render.py on a job; Blender's Python takes numpy from this one's packages."""
+def run_blender(job: dict[str, object], threads: int, script: str = "render.py") -> None:
+    """Run a script of this folder on a job; Blender's Python takes numpy from our packages."""
     path = Path(str(job["out"])) / "job.json"
     path.write_text(json.dumps(job))
     packages = [p for p in sys.path if p.endswith("site-packages")]
     command = ["blender", "-b", "-t", str(threads), "--python-use-system-env"]
-    command += ["--python-exit-code", "1", "-P", str(HERE / "render.py"), "--", str(path)]
+    command += ["--python-exit-code", "1", "-P", str(HERE / script), "--", str(path)]
     found = os.pathsep.join([str(HERE.parent), *packages])
     done = subprocess.run(
         command, env={**os.environ, "PYTHONPATH": found}, capture_output=True, text=True

@@ -13,10 +13,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
+import math
 import shutil
-import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,40 +24,33 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.cli.main import main as run
+from nlens_video.evaluate.metrics import psnr_of_error
 from truth import develop, subject
 from truth.clip_file import read_clip_file, write_clip_file
-from truth.plan import View, draw_lens, draw_view
+from truth.make import run_blender
+from truth.plan import WIDTH, View, draw_lens, draw_view
 from truth.routes import kind
 
-HERE = Path(__file__).parent
 RATE = 15
 CRF = 18
 SEEN_BEFORE = 0.02
 """Share of the object that somebody must cover for a frame to count as one with him before it."""
 MARGIN_PX = 24
-"""Around the object's box, for its blur; of a plate 960 px wide."""
+"""Around the object's box, for its blur; of a plate WIDTH px wide."""
 SAME_CODES = 1.0
 """Where truth and plate differ by less, the truth shows the plate, with its compression."""
 Codes = npt.NDArray[np.uint8]
 
 
-def render_clip(seed: int, frames: int, percent: int, samples: int, raw: Path) -> None:
-    """Run Blender; leaves the frames' light in `raw`."""
-    job = {"seed": seed, "frames": frames, "percent": percent, "samples": samples, "out": str(raw)}
-    (raw / "job.json").write_text(json.dumps(job))
-    packages = [p for p in sys.path if p.endswith("site-packages")]
-    command = ["blender", "-b", "-t", "1", "--python-use-system-env", "--python-exit-code", "1"]
-    command += ["-P", str(HERE / "render_walkers.py"), "--", str(raw / "job.json")]
-    found = os.pathsep.join([str(HERE.parent), *packages])
-    done = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": found}, capture_output=True, text=True
-    )
-    if done.returncode:
-        sys.exit(f"Blender failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-
-
 def write_clip(seed: int, frames: int, raw: Path, folder: Path) -> None:
-    """From the frames' light to bg.mp4, object.glb, gt/NNNN.png and params.json."""
+    """Write bg.mp4, object.glb, gt/NNNN.png and params.json.
+
+    Args:
+        seed: names the clip.
+        frames: of it.
+        raw: what render_walkers.py left.
+        folder: to be made.
+    """
     (folder / "gt").mkdir(parents=True)
     view = draw_view(seed)
     body = subject.mesh(view)
@@ -93,7 +84,7 @@ def write_clip(seed: int, frames: int, raw: Path, folder: Path) -> None:
         "fps": RATE,
         "kind": kind(seed),
         "focus_distance_m": lens.focus_m,
-        "coc_at_infinity_px": lens.coc_at_infinity_px * size[1] / 960,
+        "coc_at_infinity_px": lens.coc_at_infinity_px * size[1] / WIDTH,
         "box": _box(view, size),
         "hidden_share": hidden,
     }
@@ -103,22 +94,26 @@ def write_clip(seed: int, frames: int, raw: Path, folder: Path) -> None:
 def _box(view: View, size: tuple[int, int]) -> list[int]:
     """Left, top, right and bottom of what the object covers, blurred [px]."""
     seen = view.project(subject.mesh(view).positions)[:, :2]
-    scale = size[1] / 960
+    scale = size[1] / WIDTH
     low = np.floor((seen.min(0) - MARGIN_PX) * scale).clip(0)
     high = np.ceil((seen.max(0) + MARGIN_PX) * scale).clip(0, [size[1], size[0]])
     return [int(at) for at in (*low, *high)]
 
 
 def measure(folder: Path, *options: str) -> tuple[float, float]:
-    """Mean squared errors in the object's box, composited by defaults, from the GLB.
+    """PSNR in the object's box, composited from the GLB by defaults, but at crf 4.
+
+    Args:
+        folder: of a clip.
+        options: of the command, beside those.
 
     Returns:
         Of the frames in which somebody covers SEEN_BEFORE of the object or more, and of the others
-        [8-bit codes squared]; NaN where there is no such frame.
+        [dB]; NaN where there is no such frame.
     """
     told = json.loads((folder / "params.json").read_text())
     left, top, right, bottom = told["box"]
-    errors: dict[bool, list[float]] = {True: [], False: []}
+    errors: dict[bool, list[npt.NDArray[np.float64]]] = {True: [], False: []}
     with tempfile.TemporaryDirectory() as scratch:
         made = Path(scratch) / "out.mp4"
         if run([str(folder / "bg.mp4"), str(folder / "object.glb"), str(made), "-q",
@@ -127,13 +122,11 @@ def measure(folder: Path, *options: str) -> tuple[float, float]:
         for frame, codes in enumerate(read_clip_file(made)):
             truth = cv2.imread(str(folder / f"gt/{frame:04d}.png"))[..., ::-1].astype(np.float64)
             off = (255.0 * codes - truth)[top:bottom, left:right]
-            errors[told["hidden_share"][frame] >= SEEN_BEFORE].append(float((off**2).mean()))
-    return tuple(float(np.mean(one)) if one else float("nan") for one in errors.values())  # type: ignore[return-value]
-
-
-def psnr(error: float) -> float:
-    """Of a mean squared error of 8-bit codes [dB]."""
-    return float(10.0 * np.log10(255.0**2 / error))
+            errors[told["hidden_share"][frame] >= SEEN_BEFORE].append(off)
+    before, elsewhere = (
+        psnr_of_error(np.array(one)) if one else math.nan for one in errors.values()
+    )
+    return before, elsewhere
 
 
 def main() -> None:
@@ -150,7 +143,7 @@ def main() -> None:
     given, options = parser.parse_known_args()
     if given.measure:
         for folder in sorted(path.parent for path in given.out.glob("*/params.json")):
-            before, elsewhere = (psnr(one) for one in measure(folder, *options))
+            before, elsewhere = measure(folder, *options)
             print(f"{folder.name}: {before:.2f} dB, elsewhere {elsewhere:.2f} dB", flush=True)
         return
     if given.seed is None or options:
@@ -159,7 +152,10 @@ def main() -> None:
     fresh = folder.with_name(folder.name + ".new")
     shutil.rmtree(fresh, ignore_errors=True)
     with tempfile.TemporaryDirectory() as name:
-        render_clip(given.seed, given.frames, given.percent, given.samples, Path(name))
+        job = {"seed": given.seed, "frames": given.frames, "percent": given.percent}
+        run_blender(
+            {**job, "samples": given.samples, "out": name}, threads=1, script="render_walkers.py"
+        )
         write_clip(given.seed, given.frames, Path(name), fresh)
     shutil.rmtree(folder, ignore_errors=True)
     fresh.replace(folder)

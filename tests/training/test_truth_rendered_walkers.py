@@ -1,7 +1,6 @@
 """`samples/truth/rendered_walkers.py`: people go where their routes say, and the truth shows it."""
 
 import json
-import math
 
 import cv2
 import numpy as np
@@ -106,9 +105,3 @@ def test_rendered_clip_hides_the_object_where_somebody_walks_before_it(tmp_path,
     shown = apart[0]
     assert shown > 0.02
     assert apart[int(np.argmax(shares))] < shown * (1.2 - max(shares))
-
-
-def test_psnr_of_one_code_is_48_db():
-    from truth.rendered_walkers import psnr
-
-    assert psnr(1.0) == pytest.approx(20.0 * math.log10(255.0))

@@ -174,8 +174,8 @@ class Track:
     def jumps(self) -> int:
         """Frames on which it jumps from the line on which it goes, while it meets no other.
 
-        Its foot does, or its top while the frame's border cuts the foot. A foot may jump by itself
-        as far as legs reach that look like the ground.
+        Its foot does, or its top while the frame's border cuts the foot. Where the top goes its way
+        the foot may jump by the length of legs: they look like the ground now and then.
         """
         tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
         heights = feet - tops

@@ -1,8 +1,6 @@
 // Samples to scene-linear light: `video/pixels/blend.py`.
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "light_codes.h"

@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <utility>
-#include <vector>
+#include <cstdlib>
+#include <tuple>
 
 #include "layer_rows.h"
 #include "light_codes.h"
@@ -44,7 +44,7 @@ using Lane = float[kBlock];
 // Pixels under the same tap of the coarse samples of a block.
 struct Pixels {
     Lane own[3], alpha;  // the layer
-    Lane luma;           // the first component of the plate, then what it becomes
+    Lane luma;           // the first component of the plate
     Lane plate[3];       // codes, then coded red, green and blue
     Lane plate_alpha, behind[3];
     std::uint8_t drawn[kBlock];  // where the layer is not empty
@@ -243,11 +243,11 @@ private:
         const auto first = std::get<0>(planes_);
         const int from = std::max(left, x0_);
         const int to = std::min(left + count * step(), x0_ + rgba_.shape[1]);
-        const std::uint8_t* drawn = drawn_.row(y - y0_) - x0_;
+        const std::uint8_t* drawn = drawn_.row(y - y0_);
         const int start = left + across_.first;
         const float *made = row_.made(), *alpha = row_.alpha(), *plate_alpha = row_.plate_alpha();
         for (int x = from; x < to; ++x) {
-            if (!drawn[x]) continue;
+            if (!drawn[x - x0_]) continue;
             put(first, y, x, made[x - start], peak_);
             if (has_alpha_) {
                 const float bare = (1.0f - alpha[x - start]) * (1.0f - plate_alpha[x - start]);
