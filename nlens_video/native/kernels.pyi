@@ -112,6 +112,9 @@ def composite_over(
     /,
 ) -> None: ...
 
+# bounce.cpp
+def gather_patches(points: Float32, patches: Float32, irradiance: Float32, /) -> None: ...
+
 # coc_discontinuities.cpp
 _Step = tuple[float, float, float, float]
 

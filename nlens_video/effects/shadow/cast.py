@@ -2,8 +2,9 @@
 
 The plate is multiplied by the ratio of the ground's light with the object to that without it. Soft
 edges come from many points of each lamp, contact darkening from many directions of the ambient
-light, each a projection of the same triangles on the plane. The lens then blurs the loss of light
-as it blurs the ground there, so it is sampled no finer than that blur lets through.
+light, each a projection of the same triangles on the plane. What the object sends back makes up for
+some of it. The lens then blurs the loss of light as it blurs the ground there, so it is sampled no
+finer than that blur lets through.
 """
 
 from __future__ import annotations
@@ -21,10 +22,12 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.ambient import smoothed, surface_points, visible_contact
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
+from nlens_video.effects.shadow.bounce import bounce, sent_light
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
 from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
+from nlens_video.scene.patches import PosedPatches
 
 _MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening and shadows of unsure lamps are smooth: step of their grid [px]
@@ -60,7 +63,12 @@ class CastShadow:
     threads: int | None = None
 
     def __call__(
-        self, moments: Sequence[Moment], light: Illumination, ground_y: float, fit: LensFit | None
+        self,
+        moments: Sequence[Moment],
+        light: Illumination,
+        ground_y: float,
+        fit: LensFit | None,
+        patches: PosedPatches | None = None,
     ) -> Shadow | None:
         """Cast the mean shadow of some moments.
 
@@ -69,6 +77,7 @@ class CastShadow:
             light: on the ground.
             ground_y: height of the plane [scene unit].
             fit: the lens, None where it is not known.
+            patches: of the object at the frame's own time; None where it sends no light back.
 
         Returns:
             The loss around the shadow; None where it is out of view or there is none.
@@ -117,6 +126,8 @@ class CastShadow:
         grid = Grid.on(inner, step)
         view = grid.view(camera)
         loss = self._loss(light, ambient, [one.on(grid) for one in shares], view, ground_y)
+        if patches is not None and len(patches.points):
+            loss = self._less_bounce(loss, grid, light, ambient, patches, camera, ground_y)
         disparity = view.plane_disparity(ground_y).astype(np.float32)
         loss[disparity <= 0.0] = 0.0
         coc = np.zeros_like(disparity) if fit is None else fit.coc_px(disparity)
@@ -127,10 +138,7 @@ class CastShadow:
         ground_y: float,
     ) -> Float32:  # fmt: skip
         """Share of the light in each channel that is lost (h, w, 3), up to the horizon [1]."""
-        lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
-        near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
-        ground = view.plane_points(ground_y) if near else np.zeros(3)
-        given = [from_lamp(lamp, ground) for lamp in lamps]
+        given = _from_lamps(light, view, ground_y)
         total = sum(given, ambient)
         if ambient.any():
             given.append(light.contact * ambient)
@@ -143,6 +151,24 @@ class CastShadow:
                 losses[channel] += part[..., channel] * share
         np.minimum(losses, np.float32(BLACKEST), out=losses)
         return np.asarray(cv2.merge(list(losses)), dtype=np.float32)
+
+    def _less_bounce(
+        self, loss: Float32, grid: Grid, light: Illumination, ambient: Float64,
+        patches: PosedPatches, camera: Camera, ground_y: float,
+    ) -> Float32:  # fmt: skip
+        """The loss (h, w, 3) without what the object makes up for; the ground gains nothing."""
+        feet = patches.points * (1.0, 0.0, 1.0) + (0.0, ground_y, 0.0)
+        sent = sent_light(patches, light, ambient, ground_y, _at(loss, grid.view(camera), feet))
+        coarse = Grid.on(grid.box, max(grid.step, _COARSE))
+        view = coarse.view(camera)
+        total = sum(_from_lamps(light, view, ground_y), ambient)
+        known = light.contact >= 1.0
+        gain = bounce(patches, sent, view.plane_points(ground_y), total, level_known=known)
+        size = coarse.box.width // grid.step, coarse.box.height // grid.step
+        fine = np.asarray(cv2.resize(gain, size), dtype=np.float32)
+        here = pixels_of(grid.box, grid.step).slices_in(pixels_of(coarse.box, grid.step))
+        loss = loss - np.float32(self.strength) * fine[here]
+        return np.clip(loss, np.float32(0.0), np.float32(BLACKEST), out=loss)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,6 +202,26 @@ class _Share:
         if not common.empty:
             out[common.slices_in(here)] = hidden[common.slices_in(there)]
         return out
+
+
+def _from_lamps(light: Illumination, view: Camera, ground_y: float) -> list[Float64]:
+    """Irradiance of the ground by each lamp above it: (3,), or (h, w, 3) where one is near."""
+    lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
+    near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
+    ground = view.plane_points(ground_y) if near else np.zeros(3)
+    return [from_lamp(lamp, ground) for lamp in lamps]
+
+
+def _at(loss: Float32, view: Camera, ground: Float64) -> Float32:
+    """The loss (P, 3) at points of the ground (P, 3), 0 where it is not known."""
+    height, width = loss.shape[:2]
+    seen = view.to_camera(ground)
+    before = np.flatnonzero(seen[:, 2] < 0.0)
+    column, row = np.floor(view.pixels(seen[before])).T
+    inside = (column >= 0.0) & (column < width) & (row >= 0.0) & (row < height)
+    found = np.zeros((len(ground), loss.shape[2]), np.float32)
+    found[before[inside]] = loss[row[inside].astype(int), column[inside].astype(int)]
+    return found
 
 
 def _surface(occluder: Occluder) -> Float64:

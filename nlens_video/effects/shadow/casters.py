@@ -8,11 +8,11 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.effects.shadow.welding import welded_faces
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.welding import welded_faces
 
 MIRRORED, CLAMPED = 33648, 33071  # glTF's codes for texture wrapping
 _OPAQUE = 254.5 / 255.0

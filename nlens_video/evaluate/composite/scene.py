@@ -32,6 +32,7 @@ from nlens_video.evaluate.metrics import psnr
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate, read_codes
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
 from nlens_video.scene.illumination import LUMINANCE
+from nlens_video.scene.patches import Patches
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.exr import FAR, read_exr
@@ -132,7 +133,9 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
     real = read_exr(folder / DEPTH).channels["Z"]
     ground = np.abs(real * plate.camera.plane_disparity(plate.ground_y) - 1.0) < _ON_GROUND
     dark = ~_reached(plate) & _darker(truth, without)
-    moments = [Moment(Casters.of(plate.scene.pose(0.0), CasterCache()), plate.camera)]
+    posed = plate.scene.pose(0.0)
+    moments = [Moment(Casters.of(posed, CasterCache()), plate.camera)]
+    patches = Patches.of(posed).at(posed)
     darken = ApplyShadow(ReblurLayer(scatter=scatter, reach=blur_reach))
 
     def figures(shadow: Shadow | None, region: Bool) -> dict[str, float]:
@@ -146,7 +149,9 @@ def _shadow_figures(plate: Plate) -> tuple[_Rows, _Rows]:
     depth = DepthMap(np.where((real > 0.0) & (real < FAR), real, np.float32(np.inf)))
     found, there = _Rows(), _Rows()
     for row, (_, light) in {NONE: (None, None), **light_cases(plate)}.items():
-        plane = None if light is None else CastShadow()(moments, light, plate.ground_y, case.fit)
+        plane = None
+        if light is not None:
+            plane = CastShadow()(moments, light, plate.ground_y, case.fit, patches)
         if (dark & ground).any():
             found[row] = figures(plane, dark & ground)
         if not (dark & ~ground).sum() >= _FEWEST:

@@ -27,6 +27,7 @@ from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
+from nlens_video.scene.patches import Patches
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import DepthMap, Float64, Picture
@@ -95,6 +96,8 @@ class ShadowNode(Node):
             ambient_directions=ambient_directions,
         )
         self._caster_cache = CasterCache()
+        # a layer's own colours are not those of the GLB that casts its shadow
+        self._patches = None if self._scene.pre_rendered else Patches.of(self._scene.pose(0.0))
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
             f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
@@ -114,7 +117,7 @@ class ShadowNode(Node):
         moments = self._moments(bounds, fit, motion, light)
         given = (moments, light, fit, plate_depth)
         if self._last is None or not equal_values(self._last[0], given):
-            shadow = self._shadow(moments, light, fit, plate_depth)
+            shadow = self._shadow(moments, light, fit, plate_depth, pose)
             if shadow is not None and self._context.occlusion is not None:
 
                 def shade() -> Shade | None:
@@ -124,7 +127,7 @@ class ShadowNode(Node):
                         return None
                     rest = tuple(one for one in light.lamps if one is not sunlight.sun)
                     around = replace(light, lamps=rest)
-                    shaded = self._shadow(moments, around, fit, plate_depth)
+                    shaded = self._shadow(moments, around, fit, plate_depth, pose)
                     return Shade(shaded, sunlight.in_shadow)
 
                 shadow = replace(shadow, shade=cache(shade))
@@ -133,10 +136,11 @@ class ShadowNode(Node):
 
     def _shadow(
         self, moments: tuple[Moment, ...], light: Illumination, fit: LensFit | None,
-        plate_depth: DepthMap | None,
+        plate_depth: DepthMap | None, pose: PosedScene,
     ) -> Shadow | None:  # fmt: skip
         height = self._context.ground_height
-        shadow = self._cast(moments, light, height, fit)
+        patches = None if self._patches is None else self._patches.at(pose)
+        shadow = self._cast(moments, light, height, fit, patches)
         if plate_depth is None:
             return shadow
         return self._cast_on_things(shadow, moments, light, height, fit, plate_depth)

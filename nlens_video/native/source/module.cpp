@@ -28,6 +28,7 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_animation(module);
     nlens::bind_aperture_covariance(module);
     nlens::bind_blend(module);
+    nlens::bind_bounce(module);
     nlens::bind_coc_discontinuities(module);
     nlens::bind_composite_over(module);
     nlens::bind_deferred(module);

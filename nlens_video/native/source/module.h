@@ -14,6 +14,7 @@ void bind_alpha(nanobind::module_& module);
 void bind_animation(nanobind::module_& module);
 void bind_aperture_covariance(nanobind::module_& module);
 void bind_blend(nanobind::module_& module);
+void bind_bounce(nanobind::module_& module);
 void bind_coc_discontinuities(nanobind::module_& module);
 void bind_composite_over(nanobind::module_& module);
 void bind_deferred(nanobind::module_& module);

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from support.definitions import marked
 
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.effects.shadow.welding import welded_faces
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
+from nlens_video.scene.welding import welded_faces
 
 
 def geometry(positions, faces, **more):

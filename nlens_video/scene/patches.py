@@ -1,0 +1,152 @@
+"""Patches of the object's surface that send diffuse light to the ground (Goral et al. 1984)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from nlens_video.core.color import transfer
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.scene.gltf.meshes import Geometry, Int32
+from nlens_video.scene.gltf.textures import TextureUse
+from nlens_video.scene.posed import PosedScene
+
+COUNT = 128
+"""Patches of a scene; rounding up gives each of its meshes one more at most."""
+_TEXELS = 32  # side of the picture that a texture is averaged to: a patch is no smaller [px]
+_R2 = (0.7548776662466927, 0.5698402909980532)  # Roberts' low-discrepancy sequence
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PosedPatches:
+    """Patches at one moment.
+
+    Attributes:
+        points: in the world (P, 3) [scene unit].
+        normals: unit vectors out of the surface (P, 3).
+        areas: (P,) [square of the scene unit].
+        colors: share of light that is sent back, in linear RGB (P, 3) [1].
+    """
+
+    points: Float64
+    normals: Float64
+    areas: Float64
+    colors: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _OfMesh:
+    """Patches of one mesh.
+
+    Attributes:
+        mesh: its place among the scene's.
+        corners: vertices of the triangle that each lies on (P, 3).
+        weights: of these vertices (P, 3) [1].
+        areas: of the patch by that of the triangle, without node and skin (P,) [1].
+        colors: see `PosedPatches`.
+    """
+
+    mesh: int
+    corners: Int32
+    weights: Float64
+    areas: Float64
+    colors: Float64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Patches:
+    """Patches, spread evenly over the object's surface and carried by it.
+
+    Attributes:
+        parts: mesh by mesh.
+    """
+
+    parts: tuple[_OfMesh, ...]
+
+    @classmethod
+    def of(cls, posed: PosedScene) -> Patches:
+        """Spread patches over a scene's triangles, evenly by their area at that moment."""
+        sizes = np.array([_areas(one.positions, one.faces).sum() for one in posed.meshes])
+        # what has no extent yet, as what grows from nothing, is taken for one of mean size
+        sizes = np.where(sizes > 0.0, sizes, sizes.mean() or 1.0)
+        parts = []
+        for number, (mesh, size) in enumerate(zip(posed.meshes, sizes, strict=True)):
+            own = _areas(mesh.geometry.positions, mesh.faces)
+            sums = np.cumsum(own)
+            if not len(sums) or sums[-1] <= 0.0:
+                continue
+            count = math.ceil(COUNT * size / sizes.sum())
+            at = np.arange(count)
+            chosen = np.searchsorted(sums, (at + 0.5) / count * sums[-1], side="right")
+            chosen = np.minimum(chosen, len(sums) - 1)
+            one, two = (at * _R2[0]) % 1.0, (at * _R2[1]) % 1.0
+            over = one + two > 1.0
+            one, two = np.where(over, 1.0 - one, one), np.where(over, 1.0 - two, two)
+            weights = np.stack([1.0 - one - two, one, two], axis=1)
+            corners = mesh.faces[chosen]
+            # a rounded sum may choose a triangle of no extent
+            some = own[chosen] > 0.0
+            share = np.divide(sums[-1] / count, own[chosen], out=np.zeros(count), where=some)
+            colors = _colors(mesh.geometry, corners, weights)
+            parts.append(_OfMesh(number, corners, weights, share, colors))
+        return cls(tuple(parts))
+
+    def at(self, posed: PosedScene) -> PosedPatches:
+        """The patches at another moment of the same scene."""
+        nothing = np.zeros((0, 3))
+        points, normals, colors, areas = [nothing], [nothing], [nothing], [np.zeros(0)]
+        for part in self.parts:
+            mesh = posed.meshes[part.mesh]
+            points.append(_mixed(mesh.positions, part.corners, part.weights))
+            normal = _mixed(mesh.normals, part.corners, part.weights)
+            length = np.linalg.norm(normal, axis=1, keepdims=True)
+            normals.append(normal / np.maximum(length, np.finfo(np.float64).tiny))
+            areas.append(part.areas * _areas(mesh.positions, part.corners))
+            colors.append(part.colors)
+        return PosedPatches(
+            np.concatenate(points), np.concatenate(normals), np.concatenate(areas),
+            np.concatenate(colors),
+        )  # fmt: skip
+
+
+def _areas(positions: Float32, corners: Int32) -> Float64:
+    """Areas (T,) of triangles, whose vertices (T, 3) are among some positions (V, 3)."""
+    first, second, third = positions[corners].astype(np.float64).swapaxes(0, 1)
+    return np.asarray(0.5 * np.linalg.norm(np.cross(second - first, third - first), axis=1))
+
+
+def _mixed(values: Float32, corners: Int32, weights: Float64) -> Float64:
+    """Weighted means (P, C) of what vertices (V, C) have."""
+    return np.asarray(np.einsum("pvc,pv->pc", values[corners].astype(np.float64), weights))
+
+
+def _colors(geometry: Geometry, corners: Int32, weights: Float64) -> Float64:
+    """Share of light (P, 3) that patches send back [1].
+
+    A metal's reflection is spread over all directions; what lets light through sends less back.
+    """
+    material = geometry.material
+    base = np.array(material.base_color, np.float64)
+    colors = np.broadcast_to(base[:3], (len(corners), 3)).copy()
+    if geometry.colors is not None:
+        colors *= _mixed(geometry.colors, corners, weights)[:, :3]
+    use = material.base_color_texture
+    if use is not None:
+        colors *= _texels(use, _mixed(geometry.uv, corners, weights))
+    return np.clip(colors, 0.0, 1.0) * material.opacity
+
+
+def _texels(use: TextureUse, uv: Float64) -> Float64:
+    """Colours (P, 3) of a texture around places on it (P, 4), the texture coordinates 0 and 1."""
+    pixels = use.image.pixels[..., :3]
+    linear = transfer("iec61966-2-1").to_linear(np.arange(256) / 255.0).astype(np.float32)
+    size = tuple(min(side, _TEXELS) for side in pixels.shape[1::-1])
+    few = cv2.resize(linear[pixels], size, interpolation=cv2.INTER_AREA)
+    rows = np.array(use.transform)
+    places = uv[:, 2 * use.uv_set : 2 * use.uv_set + 2] @ rows[:, :2].T + rows[:, 2]
+    column, row = ((places % 1.0) * size).astype(int).T
+    at = np.minimum(row, size[1] - 1), np.minimum(column, size[0] - 1)
+    return np.asarray(few[at], np.float64)
