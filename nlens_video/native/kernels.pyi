@@ -109,6 +109,7 @@ def composite_over(
     rgba: Float32,
     tables: tuple[Float32, Float32, Float32, Float32, Float32, Float32],
     peak: float,
+    rows: tuple[int, int],
     /,
 ) -> None: ...
 
@@ -184,6 +185,7 @@ def regrain(
 def white_noise(
     out: Float32, corner: tuple[int, int], moment: int, seed: int, scale: float, /
 ) -> None: ...
+def add_tiles(out: Float32, tile: Float32, corners: _Int64, shares: Float32, /) -> None: ...
 
 # layers.cpp
 def light_layers(rows: Float32, paint: _Paint, lights: _Lights, /) -> None: ...

@@ -187,7 +187,9 @@ def past_edges(
         (inside.x0 - wide.x0, wide.x1 - inside.x1),
         (0, 0),
     )
-    plate = np.pad(picture.linear(inside), beyond, mode="edge")
+    plate = picture.linear(inside)
+    if inside != wide:
+        plate = np.pad(plate, beyond, mode="edge")
     rgba = edge_parallax_layer(
         blurred.rgba, plate, around.object_coc, around.plate_coc, around.share,
         margin=around.margin, pixel_aspect=around.pixel_aspect,

@@ -5,6 +5,8 @@ import json
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from support import shots
 from support.effects.synthetic_frames import HEIGHT, WIDTH, noise, pictures, scene
 
@@ -39,6 +41,71 @@ def test_white_noise_is_normal_uncorrelated_and_differs_between_frames():
         np.roll(first, (1, 1), (0, 1)),
     ):
         assert np.corrcoef(first.ravel(), other.ravel())[0, 1] == pytest.approx(0, abs=0.01)
+
+
+@given(
+    box=st.tuples(
+        st.integers(-40, 40), st.integers(-40, 40), st.integers(1, 30), st.integers(1, 30)
+    ),
+    places=st.lists(st.tuples(st.integers(0, 15), st.integers(0, 15)), min_size=1, max_size=4),
+)
+def test_sum_of_tiles_equals_the_reference(box, places):
+    x0, y0, width, height = box
+    on = Box(x0, y0, x0 + width, y0 + height)
+    tile = np.random.default_rng(0).normal(size=(16, 16, 3)).astype(np.float32)
+    shares = [0.7**number for number in range(len(places))]
+    found = grain_noise.tiled(tile, on, places, shares)
+    expected = grain_noise.tiled_reference(tile, on, places, shares)
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def smooth_model(persistence=0.0):
+    """Noise that is smooth over some pixels."""
+    near = np.exp(-0.5 * (np.arange(-3, 4) / 1.2) ** 2)
+    kernel = np.outer(near, near)
+    kernel /= np.sqrt((kernel**2).sum())
+    levels = np.linspace(0.0, 1.0, 5, dtype=np.float32)
+    return grain_noise.GrainModel(
+        levels=levels, deviation=np.full((5, 3), 0.01, np.float32),
+        mixing=np.eye(3, dtype=np.float32), kernels=np.stack([kernel] * 3).astype(np.float32),
+        persistence=persistence,
+    )  # fmt: skip
+
+
+def test_noise_of_a_part_of_the_frame_is_a_crop_of_that_of_the_whole():
+    stage = AddGrain(smooth_model(0.3))
+    whole = stage.unit_noise(Box(0, 0, 900, 700), 5)
+    part = stage.unit_noise(Box(450, 380, 800, 690), 5)
+    assert np.array_equal(part, whole[380:690, 450:800])
+
+
+def test_noise_of_frames_is_as_alike_as_the_plates_and_no_frame_depends_on_another():
+    stage = AddGrain(smooth_model(0.4))
+    box = Box(0, 0, 600, 500)
+    noise_of = [stage.unit_noise(box, at)[..., 0].ravel() for at in (10, 11, 12, 40)]
+    assert np.std(noise_of[0]) == pytest.approx(1.0, abs=0.02)
+    alike = np.corrcoef(noise_of)
+    assert alike[0, 1] == pytest.approx(0.4, abs=0.03)
+    assert alike[0, 2] == pytest.approx(0.16, abs=0.03)
+    assert alike[0, 3] == pytest.approx(0.0, abs=0.03)
+    again = AddGrain(smooth_model(0.4)).unit_noise(box, 40)[..., 0].ravel()
+    assert np.array_equal(noise_of[3], again)
+
+
+def test_tiles_of_noise_meet_without_a_seam():
+    stage = AddGrain(smooth_model())
+    size = grain_noise.TILE_PX
+    found = stage.unit_noise(Box(0, 0, 2 * size, 2 * size), 0)[..., 1]
+    row, column = grain_noise.place_on_tile(0)
+    for values, seam in ((found, size - row), (found.T, size - column)):
+        steps = np.abs(np.diff(values, axis=0)).mean(axis=1)
+        assert steps[seam - 1] == pytest.approx(steps.mean(), rel=0.15)
+
+
+def test_each_frame_takes_the_noise_from_another_place():
+    places = {grain_noise.place_on_tile(index) for index in range(-12, 1000)}
+    assert len(places) > 1000
+    assert np.ptp(list(places), axis=0).min() > 0.95 * grain_noise.TILE_PX
 
 
 def test_regrain_kernel_equals_the_reference():

@@ -13,6 +13,19 @@ def test_white_noise_is_the_same_at_every_level():
     assert_same_bits(run)
 
 
+def test_sum_of_tiles_is_the_same_at_every_level():
+    tile = np.random.default_rng(2).normal(size=(8, 8, 3)).astype(np.float32)
+    corners = np.array([[-13, 5], [2, -70], [700, 7]])
+    shares = np.array([0.5, 0.25, 0.125], np.float32)
+
+    def run(module):
+        out = np.full((11, 29, 3), np.nan, np.float32)
+        module.add_tiles(out, tile, corners, shares)
+        return [out]
+
+    assert_same_bits(run)
+
+
 def test_grain_on_a_layer_is_the_same_at_every_level():
     rng = np.random.default_rng(0)
     alpha = rng.choice([0.0, 0.3, 1.0], (30, 41, 1))

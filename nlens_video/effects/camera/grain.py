@@ -6,20 +6,26 @@ the composite.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
 
 from nlens_video.core.color import transfer
-from nlens_video.core.layers import BlurredLayer, Float32, Picture
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for
 from nlens_video.native import kernels
 
 LAGS = 3  # reach of the spatial correlation, each way [px]
 _PERSISTENT = 0.03  # share of a past picture's noise that is neglected
 _MOST_PAST = 12  # past pictures in the noise
 _SEED = 20
+_WORD = 0xFFFFFFFF
+_BAND_PX = 32768  # of a layer, for a thread
+TILE_PX = 512
+"""Side of the noise that is laid on each frame from another place [px]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +47,7 @@ class GrainModel:
     persistence: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class AddGrain:
     """Adds grain to the object's layer, so that its composite is as noisy as the plate."""
 
@@ -52,25 +58,26 @@ class AddGrain:
         if blurred.box.empty:
             return blurred
         plate = picture.linear(blurred.box)
-        noise = self.unit_noise(blurred, index)
-        return BlurredLayer(
-            box=blurred.box, rgba=regrain(blurred.rgba, plate, noise, self._curve())
-        )
+        noise = self.unit_noise(blurred.box, index)
+        return BlurredLayer(box=blurred.box, rgba=regrain(blurred.rgba, plate, noise, self._curve))
 
-    def unit_noise(self, blurred: BlurredLayer, index: int) -> Float32:
-        """Noise (h, w, 3) of unit deviation at every level, on the layer's box."""
-        box = blurred.box.expanded(LAGS)
-        size = (box.height, box.width)
+    def unit_noise(self, box: Box, index: int) -> Float32:
+        """Noise (h, w, 3) of unit deviation at every level, on a box of a frame."""
         shares = past_shares(self.model.persistence)
+        places = [place_on_tile(index - back) for back in range(len(shares))]
+        return tiled(self._tile, box, places, shares)
+
+    @cached_property
+    def _tile(self) -> Float32:
+        """Noise of unit deviation (TILE_PX, TILE_PX, 3) that goes on beyond each edge."""
         parts = []
         for part, kernel in enumerate(self.model.kernels):
-            white = np.zeros(size, np.float32)
-            for back, share in enumerate(shares):
-                field = white_noise((box.y0, box.x0), size, index - back, _SEED + part)
-                white += np.float32(share) * field
-            parts.append(cv2.filter2D(white, -1, kernel)[LAGS:-LAGS, LAGS:-LAGS])
+            white = white_noise((0, 0), (TILE_PX, TILE_PX), 0, _SEED + part)
+            around = np.pad(white, LAGS, mode="wrap")
+            parts.append(cv2.filter2D(around, -1, kernel)[LAGS:-LAGS, LAGS:-LAGS])
         return np.asarray(cv2.transform(cv2.merge(parts), self.model.mixing), np.float32)
 
+    @cached_property
     def _curve(self) -> Float32:
         """Deviation at 256 levels (256, 3) [sRGB code]."""
         levels = np.linspace(0.0, 1.0, 256)
@@ -78,6 +85,12 @@ class AddGrain:
         return np.stack(
             [np.interp(levels, model.levels, model.deviation[:, c]) for c in range(3)], axis=1
         ).astype(np.float32)
+
+
+def place_on_tile(index: int) -> tuple[int, int]:
+    """Row and column of the tile at the frame's first pixel, at random for each frame [px]."""
+    bits = _mixed(_mixed(index & _WORD) ^ _SEED)
+    return bits % TILE_PX, bits // TILE_PX % TILE_PX
 
 
 def past_shares(persistence: float) -> tuple[float, ...]:
@@ -132,10 +145,14 @@ def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -
     """
     out = np.array(rgba, np.float32, order="C")
     codes, lights = _tables()
-    kernels.regrain(
-        out, np.ascontiguousarray(plate), np.ascontiguousarray(noise, np.float32),
-        np.ascontiguousarray(deviation), codes, lights,
-    )  # fmt: skip
+    plate, noise = np.ascontiguousarray(plate), np.ascontiguousarray(noise, np.float32)
+    curve = np.ascontiguousarray(deviation)
+
+    def add(band: Band) -> None:
+        part = slice(*band)
+        kernels.regrain(out[part], plate[part], noise[part], curve, codes, lights)
+
+    parallel_for(add, bands(len(out), max(1, _BAND_PX // max(out.shape[1], 1))))
     return out
 
 
@@ -173,7 +190,7 @@ def white_noise(corner: tuple[int, int], size: tuple[int, int], moment: int, see
         Values (h, w), independent of each other.
     """
     out = np.empty(size, np.float32)
-    moment, seed = moment & 0xFFFFFFFF, seed & 0xFFFFFFFF
+    moment, seed = moment & _WORD, seed & _WORD
     kernels.white_noise(out, corner, moment, seed, 1.0 / _BYTES_DEVIATION)
     return out
 
@@ -182,18 +199,52 @@ def white_noise_reference(
     corner: tuple[int, int], size: tuple[int, int], moment: int, seed: int
 ) -> Float32:
     """Python reference of `white_noise`."""
-
-    def mixed(value: int) -> int:
-        value ^= value >> 16
-        value = value * 0x7FEB352D & 0xFFFFFFFF
-        value ^= value >> 15
-        value = value * 0x846CA68B & 0xFFFFFFFF
-        return value ^ value >> 16
-
-    start = mixed(seed & 0xFFFFFFFF ^ mixed((moment + 0x9E3779B9) & 0xFFFFFFFF))
+    start = _mixed(seed & _WORD ^ _mixed((moment + 0x9E3779B9) & _WORD))
     out = np.empty(size, np.float32)
     for i, j in np.ndindex(size):
-        of_row = mixed(start ^ (corner[0] + i) & 0xFFFFFFFF)
-        bits = mixed((of_row + (corner[1] + j) * 0x9E3779B1) & 0xFFFFFFFF)
+        of_row = _mixed(start ^ (corner[0] + i) & _WORD)
+        bits = _mixed((of_row + (corner[1] + j) * 0x9E3779B1) & _WORD)
         out[i, j] = (sum(bits.to_bytes(4, "little")) - 510.0) / _BYTES_DEVIATION
+    return out
+
+
+def _mixed(value: int) -> int:
+    """A number of 32 bits that all depend on all bits of another (the finaliser `lowbias32`)."""
+    value ^= value >> 16
+    value = value * 0x7FEB352D & _WORD
+    value ^= value >> 15
+    value = value * 0x846CA68B & _WORD
+    return value ^ value >> 16
+
+
+def tiled(
+    tile: Float32, box: Box, places: Sequence[tuple[int, int]], shares: Sequence[float]
+) -> Float32:
+    """A weighted sum of a tile laid on the frame again and again from several places.
+
+    Args:
+        tile: (size, size, 3).
+        box: of the frame, (h, w).
+        places: row and column of the tile at the frame's first pixel, once for each share [px].
+        shares: weights.
+
+    Returns:
+        The sum on the box (h, w, 3).
+    """
+    out = np.empty((box.height, box.width, 3), np.float32)
+    corners = np.array(places, np.int64) + (box.y0, box.x0)
+    kernels.add_tiles(out, tile, corners, np.array(shares, np.float32))
+    return out
+
+
+def tiled_reference(
+    tile: Float32, box: Box, places: Sequence[tuple[int, int]], shares: Sequence[float]
+) -> Float32:
+    """NumPy reference of `tiled`."""
+    size = len(tile)
+    out = np.zeros((box.height, box.width, 3), np.float32)
+    for (row, column), share in zip(places, shares, strict=True):
+        rows = (row + np.arange(box.y0, box.y1)) % size
+        columns = (column + np.arange(box.x0, box.x1)) % size
+        out += np.float32(share) * tile[np.ix_(rows, columns)]
     return out

@@ -118,9 +118,12 @@ public:
         for (int i = 0; i < 3; ++i) std::copy_n(tables.codes_from_rgb.at(i), 3, codes_from_rgb_[i]);
     }
 
-    void run() {
-        const int y1 = y0_ + rgba_.shape[0];
-        for (int row = down_.of(y0_); row <= down_.of(y1 - 1); ++row) {
+    // Composites rows of coarse samples, which do not depend on each other.
+    void run(int from, int to) {
+        const int top = from * down_.step - down_.phase - y0_, bottom = to * down_.step - down_.phase - y0_;
+        const int reach = std::max(down_.weights.shape[0], down_.step) + std::abs(down_.first);
+        drawn_.look_at(top - reach, bottom + reach);
+        for (int row = from; row < to; ++row) {
             const int top = row * down_.step - down_.phase;
             const auto [first, end] = drawn_.ends(top - y0_, top - y0_ + down_.step);
             if (first >= end) continue;
@@ -277,14 +280,16 @@ private:
     Lane total_, change_b_, change_c_, chroma_b_, chroma_c_;
 };
 
-// `before` holds the first component and alpha (height, width) of the box as they were.
+// `before` holds the first component and alpha (height, width) of the box as they were; `rows`: the
+// first row of coarse samples and the one past the last.
 template <class Sample>
 void composite_over(Planes<Sample> planes, Plane<Sample> alpha, Flags flags,
                     std::tuple<Array<const Sample, 2>, Array<const Sample, 2>> before,
                     std::tuple<Axis, Axis> axes, Pair corner, Array<const float, 3> rgba,
-                    const Tables& tables, float peak) {
+                    const Tables& tables, float peak, Pair rows) {
     const auto composited = [&]<int kStep>() {
-        Compositor<Sample, kStep>(planes, alpha, flags, before, axes, corner, rgba, tables, peak).run();
+        Compositor<Sample, kStep>(planes, alpha, flags, before, axes, corner, rgba, tables, peak)
+            .run(std::get<0>(rows), std::get<1>(rows));
     };
     switch (std::get<0>(axes).step) {
         case 1:

@@ -9,68 +9,72 @@
 namespace nlens {
 namespace {
 
-// What adds up to noise: how much of the deviation is missing, at which light of which value.
-struct Parts {
-    std::vector<int> places, channels;  // in a row of the layer
-    std::vector<float> lights, missing, noises;
+// A row of one channel, and what its noise is made of.
+struct Channel {
+    std::vector<float> own, noise, missing, change;  // `own`: the light of the composite
 
-    explicit Parts(std::size_t size)
-        : places(size), channels(size), lights(size), missing(size), noises(size) {}
+    explicit Channel(std::size_t width) : own(width), noise(width), missing(width), change(width) {}
 };
 
-int collect(const float* rgba, const float* plate, const float* noise, int width, Parts& parts) {
-    int count = 0;
-    for (int x = 0; x < width; ++x, rgba += 4, plate += 3, noise += 3) {
-        const float alpha = std::min(rgba[3], 1.0f);
-        if (alpha <= 0.0f) continue;
-        const float free = 1.0f - alpha, missing = std::sqrt(1.0f - free * free);
-        for (int c = 0; c < 3; ++c) {
-            const float light = rgba[c] + free * plate[c];
-            parts.places[count] = 4 * x + c;
-            parts.channels[count] = c;
-            parts.lights[count] = std::max(0.0f, light);
-            parts.missing[count] = missing;
-            parts.noises[count] = noise[c];
-            count += light < 1.0f;
-        }
-    }
-    return count;
-}
-
-// Between two entries of a table over [0, 1].
-float look_up(Array<const float, 1> table, float at) {
-    const float place = at * static_cast<float>(table.shape[0] - 1);
-    const int low = std::min(static_cast<int>(place), table.shape[0] - 2);
+// Between two entries of a table over [0, 1], of which the last begins at `last`.
+inline float look_up(const float* table, int last, float at) {
+    const float place = at * static_cast<float>(last + 1);
+    const int low = std::min(static_cast<int>(place), last);
     const float part = place - static_cast<float>(low);
-    return table(low) + part * (table(low + 1) - table(low));
+    return table[low] + part * (table[low + 1] - table[low]);
 }
 
-// The change of the light by the noise, instead of `lights`.
-void add_noise(Parts& parts, int count, Array<const float, 2> deviation, Array<const float, 1> codes,
-               Array<const float, 1> to_light) {
-    const int* __restrict channels = parts.channels.data();
-    const float* __restrict missing = parts.missing.data(), * __restrict noises = parts.noises.data();
-    float* __restrict lights = parts.lights.data();
-    const float* levels = deviation.data;  // at 256 levels, of three channels
-    for (int i = 0; i < count; ++i) {
-        const float code = look_up(codes, std::sqrt(lights[i])), level = 255.0f * code;
+// Finds the change of the light by the noise. `levels`: the deviation at 256 levels, three apart.
+void find_change(Channel& channel, int count, const float* __restrict levels, Array<const float, 1> codes,
+                 Array<const float, 1> to_light) {
+    const float* __restrict own = channel.own.data(), * __restrict noise = channel.noise.data();
+    const float* __restrict missing = channel.missing.data();
+    const float* __restrict code_of = codes.data, * __restrict light_of = to_light.data;
+    float* __restrict change = channel.change.data();
+    const int last_code = codes.shape[0] - 2, last_light = to_light.shape[0] - 2;
+    for (int x = 0; x < count; ++x) {
+        const float light = own[x] > 0.0f ? (own[x] < 1.0f ? own[x] : 1.0f) : 0.0f;
+        const float code = look_up(code_of, last_code, std::sqrt(light)), level = 255.0f * code;
         const int low = std::min(static_cast<int>(level), 254);
-        const float* here = levels + 3 * low + channels[i];
-        const float spread = here[0] + (level - static_cast<float>(low)) * (here[3] - here[0]);
-        const float grained = std::min(std::max(0.0f, code + missing[i] * spread * noises[i]), 1.0f);
-        lights[i] = look_up(to_light, grained) - lights[i];
+        const float here = levels[3 * low], next = levels[3 * low + 3];
+        const float spread = here + (level - static_cast<float>(low)) * (next - here);
+        const float grained = std::min(std::max(0.0f, code + missing[x] * spread * noise[x]), 1.0f);
+        const float made = look_up(light_of, last_light, grained) - light;
+        change[x] = own[x] < 1.0f ? made : 0.0f;  // light beyond white stays, and what is no number
     }
+}
+
+// The first pixel of a row that has alpha, and the one past the last.
+std::tuple<int, int> drawn_ends(const float* row, int width) {
+    int first = 0, end = width;
+    while (first < width && !(row[4 * first + 3] > 0.0f)) ++first;
+    while (end > first && !(row[4 * end - 1] > 0.0f)) --end;
+    return {first, end};
 }
 
 void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
              Array<const float, 2> deviation, Array<const float, 1> codes, Array<const float, 1> lights) {
-    const int width = rgba.shape[1];
-    Parts parts(3 * static_cast<std::size_t>(width) + 1);
+    Channel channel(rgba.shape[1]);
+    float *own = channel.own.data(), *missing = channel.missing.data(), *added = channel.noise.data();
     for (int y = 0; y < rgba.shape[0]; ++y) {
-        float* row = rgba.at(y);
-        const int count = collect(row, plate.at(y), noise.at(y), width, parts);
-        add_noise(parts, count, deviation, codes, lights);
-        for (int i = 0; i < count; ++i) row[parts.places[i]] += parts.lights[i];
+        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1]);
+        const int count = end - first;
+        float* row = rgba.at(y, first);
+        const float *behind = plate.at(y, first), *given = noise.at(y, first);
+        for (int x = 0; x < count; ++x) {
+            const float free = 1.0f - std::min(row[4 * x + 3], 1.0f);
+            missing[x] = std::sqrt(1.0f - free * free);
+        }
+        for (int c = 0; c < 3; ++c) {
+            for (int x = 0; x < count; ++x) {
+                const float free = 1.0f - std::min(row[4 * x + 3], 1.0f);
+                own[x] = row[4 * x + c] + free * behind[3 * x + c];
+                added[x] = given[3 * x + c];
+            }
+            find_change(channel, count, deviation.data + c, codes, lights);
+            const float* change = channel.change.data();
+            for (int x = 0; x < count; ++x) row[4 * x + c] += row[4 * x + 3] > 0.0f ? change[x] : 0.0f;
+        }
     }
 }
 
@@ -100,11 +104,34 @@ void white_noise(Array<float, 2> out, std::tuple<std::int64_t, std::int64_t> cor
     }
 }
 
+// Fills in the weighted sum of a tile that is laid on the plane again and again from several places.
+// `corners`: places on it of the first pixel, row and column of any sign.
+void add_tiles(Array<float, 3> out, Array<const float, 3> tile, Array<const std::int64_t, 2> corners,
+               Array<const float, 1> shares) {
+    const std::int64_t size = tile.shape[0], width = out.shape[1];
+    const auto on_tile = [size](std::int64_t place) { return (place % size + size) % size; };
+    for (int y = 0; y < out.shape[0]; ++y) {
+        std::fill_n(out.at(y), 3 * width, 0.0f);
+        for (int number = 0; number < shares.shape[0]; ++number) {
+            const float share = shares(number);
+            const float* row = tile.at(on_tile(corners(number, 0) + y));
+            for (std::int64_t x = 0, at = on_tile(corners(number, 1)); x < width; at = 0) {
+                const std::int64_t count = std::min(size - at, width - x);
+                const float* __restrict given = row + 3 * at;
+                float* __restrict sum = out.at(y) + 3 * x;
+                for (std::int64_t i = 0; i < 3 * count; ++i) sum[i] += share * given[i];
+                x += count;
+            }
+        }
+    }
+}
+
 }  // namespace
 
 void bind_grain(nanobind::module_& module) {
     module.def("regrain", &regrain, Unlocked());
     module.def("white_noise", &white_noise, Unlocked());
+    module.def("add_tiles", &add_tiles, Unlocked());
 }
 
 }  // namespace nlens

@@ -12,18 +12,22 @@
 
 namespace nlens {
 
-// Where the layer is not empty, with columns beyond its sides that are.
+// Where the layer is not empty, with columns beyond its sides that are, on the rows that were looked at.
 class Drawn {
 public:
     Drawn(Array<const float, 3> rgba, int margin)
-        : margin_(margin),
+        : rgba_(rgba),
+          margin_(margin),
           stride_(rgba.shape[1] + 2 * margin),
           codes_(stride_ * rgba.shape[0]),
-          ends_(rgba.shape[0]) {
-        const int width = rgba.shape[1];
-        for (int y = 0; y < rgba.shape[0]; ++y) {
-            const float* layer = rgba.at(y);
-            std::uint8_t* drawn = codes_.data() + y * stride_ + margin;
+          ends_(rgba.shape[0]) {}
+
+    // Looks at the rows from one to before another, as far as there are any.
+    void look_at(int from, int to) {
+        const int width = rgba_.shape[1];
+        for (int y = std::max(from, 0); y < std::min(to, rgba_.shape[0]); ++y) {
+            const float* layer = rgba_.at(y);
+            std::uint8_t* drawn = codes_.data() + y * stride_ + margin_;
             for (int x = 0; x < width; ++x) {
                 const float* v = layer + 4 * x;
                 drawn[x] = !((v[0] == 0.0f) & (v[1] == 0.0f) & (v[2] == 0.0f) & (v[3] == 0.0f));
@@ -49,6 +53,7 @@ public:
     }
 
 private:
+    Array<const float, 3> rgba_;
     std::ptrdiff_t margin_, stride_;
     std::vector<std::uint8_t> codes_;
     std::vector<std::pair<int, int>> ends_;

@@ -10,8 +10,11 @@ from functools import lru_cache
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32
+from nlens_video.kernels.thread_pool import Band, bands, parallel_for
 from nlens_video.native import kernels
 from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
+
+_BAND_PX = 32768  # of a box of the frame, for a thread
 
 
 @lru_cache(maxsize=64)
@@ -22,11 +25,21 @@ def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
 def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
     maps = tables(samples.coding)
     out = np.empty((box.height, box.width, 3), np.float32)
-    kernels.linear(
-        samples.planes, (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
-        maps.rgb_from_codes, maps.to_linear, maps.to_bt709, to_display, out,
-    )  # fmt: skip
+    axes = _axis(samples.across), _axis(samples.down)
+
+    def decode(band: Band) -> None:
+        kernels.linear(
+            samples.planes, axes, (box.y0 + band[0], box.x0),
+            maps.rgb_from_codes, maps.to_linear, maps.to_bt709, to_display, out[slice(*band)],
+        )  # fmt: skip
+
+    parallel_for(decode, _bands(box.height, box.width))
     return out
+
+
+def _bands(rows: int, width: int) -> list[Band]:
+    """Bands of rows of a picture that are worth a thread each."""
+    return bands(rows, max(1, _BAND_PX // max(width, 1)))
 
 
 def linear(samples: Samples, box: Box) -> Float32:
@@ -59,13 +72,20 @@ def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool 
     rows, columns = slice(box.y0, box.y1), slice(box.x0, box.x1)
     alpha: Plane = np.empty((0, 0), first.dtype) if samples.alpha is None else samples.alpha
     before = tuple(np.array(one[rows, columns], order="C") for one in (first, alpha))
-    kernels.composite_over(
-        samples.planes, alpha, (samples.associated, of_plate), before,
-        (_axis(samples.across), _axis(samples.down)), (box.y0, box.x0),
-        np.ascontiguousarray(rgba, dtype=np.float32),
-        (
-            maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb,
-            maps.from_bt709, maps.to_bt709,
-        ),
-        samples.coding.peak,
+    axes = _axis(samples.across), _axis(samples.down)
+    layer = np.ascontiguousarray(rgba, dtype=np.float32)
+    coding = (
+        maps.to_linear, maps.to_coded, maps.rgb_from_codes, maps.codes_from_rgb, maps.from_bt709,
+        maps.to_bt709,
     )  # fmt: skip
+    down = samples.down
+    top = (box.y0 + down.phase) // down.step
+    coarse = (box.y1 - 1 + down.phase) // down.step + 1 - top
+
+    def composite(band: Band) -> None:
+        kernels.composite_over(
+            samples.planes, alpha, (samples.associated, of_plate), before, axes,
+            (box.y0, box.x0), layer, coding, samples.coding.peak, (top + band[0], top + band[1]),
+        )  # fmt: skip
+
+    parallel_for(composite, _bands(coarse, box.width * down.step))
