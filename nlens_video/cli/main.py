@@ -186,17 +186,22 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         if args.resume:
             return farm_commands.run_resumable(args, settings, console)
         return farm_commands.run_chunk(settings, Path(args.output), console)
-    from nlens_video.run.find_fit import find_fit
-    from nlens_video.run.observers import check_sidecars
-    from nlens_video.run.render import render
+    from nlens_video.run.first_look import begun_look
 
     if args.command == "fit":
+        from nlens_video.run.find_fit import find_fit
+        from nlens_video.run.observers import check_sidecars
+
         found = find_fit(settings)
         console.fit(found)
         check_sidecars(str(found.path), found.missing)
         return 0
-    with console.progress_bar() as on_progress:
-        outcome = render(settings, on_progress)
+    with begun_look(settings) as look:  # while the rest of the program is imported
+        from nlens_video.run.observers import check_sidecars
+        from nlens_video.run.render import render
+
+        with console.progress_bar() as on_progress:
+            outcome = render(settings, on_progress, look=look)
     console.outcome(outcome)
     check_sidecars(outcome.output, outcome.missing)
     return 0

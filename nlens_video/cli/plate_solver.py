@@ -25,7 +25,7 @@ from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.report.camera import PlatePicture
 from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import opened
 from nlens_video.solve.evidence import Reprojection, doubted_where_steep, reproject
 from nlens_video.solve.focal import KnownFov
 from nlens_video.solve.free_place import chosen_place

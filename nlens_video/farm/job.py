@@ -15,8 +15,7 @@ from nlens_video.farm.chunk import look_once, mark_of, with_stored_look, write_c
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
 from nlens_video.run.find_fit import find_fit
-from nlens_video.run.lens_request import frame_s
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import OnProgress
 from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark

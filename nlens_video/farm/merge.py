@@ -16,7 +16,7 @@ from nlens_video.core.settings import OutputSettings, SourceSettings
 from nlens_video.farm.chunk import plate_key
 from nlens_video.farm.store import Store
 from nlens_video.run.frame_range import FrameRange
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import opened
 from nlens_video.run.render import OnProgress, note_on_partial_file
 from nlens_video.video.chunk_file import ChunkFile, fill
 from nlens_video.video.chunk_queue import ChunkMark

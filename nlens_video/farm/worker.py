@@ -15,7 +15,7 @@ from nlens_video.farm.chunk import mark_of, with_stored_look, write_chunks
 from nlens_video.farm.job import Prepared, prepare, with_stored_fit
 from nlens_video.farm.merge import Merged, merge_arriving
 from nlens_video.farm.store import Store
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import opened
 from nlens_video.run.preflight import preflight
 from nlens_video.run.render import render
 from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark

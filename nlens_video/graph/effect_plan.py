@@ -15,6 +15,7 @@ from nlens_video.core.placement import Region
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
 from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
 from nlens_video.effects.finding import Finding
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.measurement import (
     PLATE_EFFECTS,
     Measurement,
@@ -38,7 +39,6 @@ from nlens_video.effects.planner import (
 from nlens_video.graph.base.context import ReadAgain, ShadowScene
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.moving_foreground import StillSurvey
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene

@@ -25,6 +25,7 @@ from nlens_video.effects.foreground.reservoir import (
     MOST_KEPT,
     Reservoir,
 )
+from nlens_video.effects.foreground.still_survey import EVERY_S, StillSurvey
 from nlens_video.effects.foreground.things import find_things, things_mask
 from nlens_video.effects.foreground.tracks import Tracks
 from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
@@ -40,37 +41,10 @@ from nlens_video.video.info import SourceFrame
 
 CERTAIN = 0.9
 """Least share of the object's surroundings whose background is known, to be sure of it [1]."""
-_EVERY_S = 0.2  # from one frame that is looked at beforehand to the next [s]
 _SAMPLES = 12  # moments at which the object's place is looked up beforehand
 _CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
 _LEAST_PARALLAX, _MOST_PARALLAX = 0.0005, 0.15
 """Of the frame's width, by which the background shifts if its depth matters, and may shift [1]."""
-
-
-class StillSurvey:
-    """A first look at a shot as a camera that stands still sees it.
-
-    Args:
-        size: columns and rows of its frames [px].
-
-    Attributes:
-        canvas: where the frames lie.
-        survey: where in the frame anything moves.
-        times: of the frames read [s].
-    """
-
-    def __init__(self, size: tuple[int, int]) -> None:
-        self.canvas = StillCanvas(size)
-        self.survey = Survey(size)
-        self.times: list[float] = []
-        self._due = -math.inf
-
-    def see(self, frame: SourceFrame) -> None:
-        """Read the next frame, and look at it if the last that was looked at is long enough ago."""
-        self.times.append(frame.time_s)
-        if frame.time_s >= self._due:
-            self.survey.add(self.canvas.shrunk(frame.picture))
-            self._due = frame.time_s + _EVERY_S
 
 
 def find_moving_foreground(
@@ -175,7 +149,7 @@ def _looked_at(again: ReadAgain, sight: Sight, times: list[float]) -> Iterator[S
         times.append(frame.time_s)
         if frame.time_s < due:
             continue
-        due = frame.time_s + _EVERY_S
+        due = frame.time_s + EVERY_S
         if not sight.place(frame.time_s).empty:
             yield frame
 

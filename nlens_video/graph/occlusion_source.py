@@ -5,11 +5,12 @@ from __future__ import annotations
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_file import read_foreground
-from nlens_video.graph.moving_foreground import StillSurvey, find_moving_foreground
+from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 

@@ -148,6 +148,14 @@ def run_in_thread(work: Callable[[], T]) -> T:
     Raises:
         Whatever the work raises.
     """
+    return begin_in_thread(work)()
+
+
+def begin_in_thread(work: Callable[[], T]) -> Callable[[], T]:
+    """Begin a call on a thread of its own; what is returned waits for it.
+
+    The wait gives what the call returns and raises what it raises; Ctrl-C interrupts it.
+    """
     outcome: list[T | BaseException] = []
     done = threading.Event()
 
@@ -159,17 +167,20 @@ def run_in_thread(work: Callable[[], T]) -> T:
         finally:
             done.set()
 
-    try:
-        threading.Thread(target=attempt, name="open", daemon=True).start()
-        # an interrupted Thread.join would take the thread for ended: an event is waited for
-        while not done.wait(_POLL_S):
-            signals.check()  # an interrupt that arrived during an import may be lost there
-    except BaseException:
-        _left_reading.append(done)
-        raise
-    if isinstance(outcome[0], BaseException):
-        raise outcome[0]
-    return outcome[0]
+    def wait() -> T:
+        try:
+            # an interrupted Thread.join would take the thread for ended: an event is waited for
+            while not done.wait(_POLL_S):
+                signals.check()  # an interrupt that arrived during an import may be lost there
+        except BaseException:
+            _left_reading.append(done)
+            raise
+        if isinstance(outcome[0], BaseException):
+            raise outcome[0]
+        return outcome[0]
+
+    threading.Thread(target=attempt, name="open", daemon=True).start()
+    return wait
 
 
 def reader_blocked() -> bool:

@@ -6,18 +6,19 @@ no other frame is predicted from are not decoded, and of the others a few each s
 
 from __future__ import annotations
 
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import takewhile
+from threading import Event
 
 from nlens_video.core import signals
 from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.planner import EffectRequest
-from nlens_video.graph.moving_foreground import StillSurvey
-from nlens_video.graph.scheduler import run_workers
-from nlens_video.run.lens_request import frame_s
-from nlens_video.run.open_run import opened
+from nlens_video.graph.scheduler import begin_in_thread, run_workers
+from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import AvSource
@@ -49,8 +50,29 @@ def follows_lens(settings: Settings) -> bool:
     )
 
 
-def first_look(settings: Settings) -> FirstLook | None:
+@contextmanager
+def begun_look(settings: Settings) -> Iterator[Callable[[], FirstLook | None]]:
+    """A look on a thread of its own, which begins now and ends with the context at the latest.
+
+    Yields:
+        What waits for the look and returns it, as `first_look`.
+    """
+    left = Event()
+    look = begin_in_thread(lambda: first_look(settings, left))
+    try:
+        yield look
+    finally:
+        left.set()
+        with suppress(Exception):  # of a look that nobody waits for
+            look()
+
+
+def first_look(settings: Settings, left: Event | None = None) -> FirstLook | None:
     """Look at a file whose lens may change.
+
+    Args:
+        settings: the run.
+        left: set as soon as nobody waits for the look any more.
 
     Returns:
         What was seen; None where a run does not ask, or for another reason than the lens.
@@ -73,6 +95,8 @@ def first_look(settings: Settings) -> FirstLook | None:
         with closing(run_workers(frames, ())) as decoded:
             for frame in decoded:
                 signals.check()
+                if left is not None and left.is_set():
+                    return None
                 lens.see(frame.time_s, frame.picture)
                 if survey is not None:
                     survey.see(frame)

@@ -11,7 +11,8 @@ from nlens_video.graph.builder import shadow_scene
 from nlens_video.graph.foreground_file import write_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.run.open_run import opened, read_again, view_of
+from nlens_video.run.open_run import read_again, view_of
+from nlens_video.run.plate_source import opened
 from nlens_video.video.atomic_files import replacing
 
 

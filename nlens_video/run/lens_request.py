@@ -5,6 +5,7 @@ from __future__ import annotations
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.effect_plan import LensRequest
+from nlens_video.run.plate_source import frame_s
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.exposure_time import exposure_time_s
@@ -55,10 +56,3 @@ def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
     """The track in the file of `--fit`, None where that holds a single fit."""
     given = None if settings.fit is None else FitTrack.load(settings.fit)
     return None if given is None else given.for_width(info.width, info.height)
-
-
-def frame_s(info: SourceInfo) -> float:
-    """From one frame to the next, 0 for a still [s]."""
-    if info.kind == "still" or not info.average_rate:
-        return 0.0
-    return float(1 / info.average_rate)

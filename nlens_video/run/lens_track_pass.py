@@ -19,8 +19,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.run.first_look import FirstLook, first_look, follows_lens
-from nlens_video.run.lens_request import frame_s
-from nlens_video.run.open_run import open_run, opened
+from nlens_video.run.open_run import open_run
+from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.shot_slope import ShotSlope
 from nlens_video.stages.r_lens_change import (
     CHANGED,

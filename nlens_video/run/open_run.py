@@ -13,26 +13,26 @@ from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import Settings, SourceSettings
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
-from nlens_video.graph.moving_foreground import StillSurvey
-from nlens_video.graph.scheduler import reader_blocked, run_in_thread
+from nlens_video.graph.scheduler import run_in_thread
 from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
-from nlens_video.run.lens_request import frame_s, lens_request
+from nlens_video.run.lens_request import lens_request
+from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.focal_length import tagged_focal
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.input.reconnect import Reconnecting
-from nlens_video.video.input.seek import SeekableSource, open_seekable
-from nlens_video.video.input.source import AvSource, open_source
+from nlens_video.video.input.seek import SeekableSource
+from nlens_video.video.input.source import AvSource
 from nlens_video.video.interfaces import Source
 
 if TYPE_CHECKING:
@@ -162,38 +162,6 @@ def take_in(
         # chunks come with their lens, and the next chunk may be far away or not queued yet
         lookahead_allowed=chunks is None and _may_wait(source.info),
     )
-
-
-@contextmanager
-def opened(given: SourceSettings) -> Iterator[Source]:
-    """The source, closed at the end unless its reader thread still blocks in a read.
-
-    Args:
-        given: the plate.
-
-    Raises:
-        InputError: the source cannot be read.
-        UsageError: `--reconnect` is given for a source that cannot be opened again.
-    """
-    if given.reconnect_s and (given.spec == "-" or can_be_read_again(given.spec)):
-        raise UsageError(
-            f"--reconnect: {given.spec} ends for good; leave it out (it is for devices and URLs)"
-        )
-
-    seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
-
-    def connect() -> Source:
-        return (open_seekable if seekable else open_source)(given.spec, **given.hints)
-
-    def reconnecting() -> Source:
-        return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
-
-    source = run_in_thread(reconnecting)
-    try:
-        yield source
-    finally:
-        if not reader_blocked():
-            source.__exit__(None, None, None)
 
 
 def _assembled(

@@ -7,6 +7,7 @@ so that a long file is not read twice.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,7 +19,7 @@ from nlens_video.core.errors import LensFitError
 from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.run.first_look import first_look
+from nlens_video.run.first_look import FirstLook, first_look
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import ShotPasses, open_run
 from nlens_video.stages.r_samples import FitSamples
@@ -30,13 +31,17 @@ _WITHIN_S = 4.0
 _SAME_FOCAL = 0.01  # relative change beyond which a lens that zooms is another one
 
 
-def passes(settings: Settings) -> ShotPasses:
+def passes(settings: Settings, begun: Callable[[], FirstLook | None] | None = None) -> ShotPasses:
     """What is found of a shot before a run: the lens' track where it changes, else other samples.
+
+    Args:
+        settings: the run.
+        begun: waits for a first look that has begun already; default: it is taken.
 
     Raises:
         NlensError: as `run.render`.
     """
-    look = first_look(settings)
+    look = first_look(settings) if begun is None else begun()
     track = lens_track_pass(settings, look)
     others = samples_of_other_frames(settings) if track is None else ()
     return ShotPasses(track, others, None if look is None else look.survey)

@@ -15,8 +15,8 @@ from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.view import View, bounds_near_frame
 from nlens_video.graph.pipeline_file import load_pipeline
-from nlens_video.run.lens_request import frame_s
 from nlens_video.run.open_run import view_of
+from nlens_video.run.plate_source import frame_s
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder

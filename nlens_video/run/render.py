@@ -19,9 +19,10 @@ from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.checks.drift import DriftCheck
 from nlens_video.run.checks.zoom import ZoomCheck
-from nlens_video.run.lens_request import frame_s
+from nlens_video.run.first_look import FirstLook
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
-from nlens_video.run.open_run import open_run, opened, take_in
+from nlens_video.run.open_run import open_run, take_in
+from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.pooled_samples import passes
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -87,6 +88,7 @@ def render(
     settings: Settings,
     on_progress: OnProgress = lambda done, total: None,
     chunks: ChunkFeed | None = None,
+    look: Callable[[], FirstLook | None] | None = None,
 ) -> RunResult:
     """Composite a whole source, or chunks of it.
 
@@ -95,6 +97,7 @@ def render(
         on_progress: called after each frame with (frames written, frames expected or None).
         chunks: frame ranges to render in place of the settings' range, as lossless chunks for
             `merge`; the output is then their folder.
+        look: waits for a first look at the file that has begun already, from `begun_look`.
 
     Raises:
         UsageError: settings do not go together.
@@ -118,7 +121,7 @@ def render(
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        run_input = take_in(source, settings, profiler, passes(settings), chunks=chunks)
+        run_input = take_in(source, settings, profiler, passes(settings, look), chunks=chunks)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
         step = frame_s(source.info)

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from support import shots, takes
 
-from nlens_video.graph import moving_foreground
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run import first_look as module
 from nlens_video.run.first_look import first_look
 from nlens_video.run.lens_track_pass import lens_track_pass
-from nlens_video.run.open_run import opened, read_again
+from nlens_video.run.open_run import read_again
+from nlens_video.run.plate_source import opened
 
 SIZE = shots.WIDTH, shots.HEIGHT
 
@@ -88,7 +89,7 @@ def test_survey_of_the_first_look_is_that_of_a_look_of_its_own(clip):
     look = first_look(given)
     with opened(given.source) as source:
         info = source.info
-    own = moving_foreground.StillSurvey((info.width, info.height))
+    own = StillSurvey((info.width, info.height))
     for frame in read_again(given.source, info)(sparse=True):
         own.see(frame)
     assert own.times == look.survey.times

@@ -13,7 +13,7 @@ from support import shots
 from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError
 from nlens_video.core.settings import SourceSettings
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import opened
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.input.source import open_source
 

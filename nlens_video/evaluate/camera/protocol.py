@@ -29,7 +29,7 @@ from nlens_video.evaluate.camera.tables import (
 )
 from nlens_video.evaluate.camera.truth import STILL, Known, find_known
 from nlens_video.evaluate.report import Report, Table, prepare_folder, track
-from nlens_video.run.open_run import opened
+from nlens_video.run.plate_source import opened
 from nlens_video.solve.shot import CUES, Cue
 from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 

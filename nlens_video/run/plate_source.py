@@ -1,0 +1,55 @@
+"""The plate of a run: its source, opened for as long as it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from nlens_video.core.errors import UsageError
+from nlens_video.core.settings import SourceSettings
+from nlens_video.graph.scheduler import reader_blocked, run_in_thread
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.reconnect import Reconnecting
+from nlens_video.video.input.seek import open_seekable
+from nlens_video.video.input.source import open_source
+from nlens_video.video.interfaces import Source
+
+
+@contextmanager
+def opened(given: SourceSettings) -> Iterator[Source]:
+    """The source, closed at the end unless its reader thread still blocks in a read.
+
+    Args:
+        given: the plate.
+
+    Raises:
+        InputError: the source cannot be read.
+        UsageError: `--reconnect` is given for a source that cannot be opened again.
+    """
+    if given.reconnect_s and (given.spec == "-" or can_be_read_again(given.spec)):
+        raise UsageError(
+            f"--reconnect: {given.spec} ends for good; leave it out (it is for devices and URLs)"
+        )
+
+    seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
+
+    def connect() -> Source:
+        return (open_seekable if seekable else open_source)(given.spec, **given.hints)
+
+    def reconnecting() -> Source:
+        return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()
+
+    source = run_in_thread(reconnecting)
+    try:
+        yield source
+    finally:
+        if not reader_blocked():
+            source.__exit__(None, None, None)
+
+
+def frame_s(info: SourceInfo) -> float:
+    """From one frame to the next, 0 for a still [s]."""
+    if info.kind == "still" or not info.average_rate:
+        return 0.0
+    return float(1 / info.average_rate)
