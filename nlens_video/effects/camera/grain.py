@@ -240,11 +240,11 @@ def tiled(
 def tiled_reference(
     tile: Float32, box: Box, places: Sequence[tuple[int, int]], shares: Sequence[float]
 ) -> Float32:
-    """NumPy reference of `tiled`."""
+    """NumPy reference of `tiled`, as precise as the tile."""
     size = len(tile)
-    out = np.zeros((box.height, box.width, 3), np.float32)
+    out = np.zeros((box.height, box.width, 3), tile.dtype)
     for (row, column), share in zip(places, shares, strict=True):
         rows = (row + np.arange(box.y0, box.y1)) % size
         columns = (column + np.arange(box.x0, box.x1)) % size
-        out += np.float32(share) * tile[np.ix_(rows, columns)]
+        out += share * tile[np.ix_(rows, columns)]
     return out

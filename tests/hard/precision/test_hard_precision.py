@@ -40,9 +40,12 @@ from nlens_video.effects import exposure
 from nlens_video.effects.camera.grain import (
     regrain,
     regrain_reference,
+    tiled,
+    tiled_reference,
     white_noise,
     white_noise_reference,
 )
+from nlens_video.effects.shadow.bounce import gather_patches_reference
 from nlens_video.effects.shadow.coverage import covered_reference
 from nlens_video.effects.shadow.shadow_maps import blocked
 from nlens_video.effects.shadow.things_ref import (
@@ -103,10 +106,12 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "first surfaces seen from a light": "effects/shadow/light_views",
     "flattest windows": "effects/surfaces",
     "light that things lose": "effects/shadow/seen_lights",
+    "light sent to the ground": "effects/shadow/bounce",
     "decoding": "video/pixels/blend",
     "change of exposure": "effects/exposure",
     "compositing": "video/pixels/blend",
     "grain on a layer": "effects/camera/grain",
+    "tiles of noise": "effects/camera/grain",
     "white noise": "effects/camera/grain",
     "CoC of a depth": "",
 }  # fmt: skip
@@ -405,6 +410,11 @@ def _light() -> dict[str, tuple[float, float]]:
     made["grain on a layer"] = (np.abs(regrain(*singles) - exact).max(), 1e-5)
     away = white_noise((3, 5), (20, 24), 7, 11) - white_noise_reference((3, 5), (20, 24), 7, 11)
     made["white noise"] = (np.abs(away).max(), 1e-5)
+    tile, on = rng.normal(size=(16, 16, 3)).astype(np.float32), Box(-5, 3, 35, 40)
+    places, weights = [(3, 11), (15, 0), (7, 7)], [0.9, 0.3, 0.1]
+    exact = tiled_reference(tile.astype(np.float64), on, places, weights)
+    made["tiles of noise"] = (np.abs(tiled(tile, on, places, weights) - exact).max(), 1e-6)
+    made["light sent to the ground"] = (_sent_light(rng), 1e-5)
     shares, loss = rng.random((3, 200), np.float32), np.empty((200, 3), np.float32)
     light = rng.random((3, 200, 3)) * (rng.random((200, 3)) > 0.2)
     kernels.lost_light(shares, light, loss)
@@ -418,6 +428,20 @@ def _light() -> dict[str, tuple[float, float]]:
     away = np.abs(fit.coc_px(disparity.astype(np.float32)) - exact)
     made["CoC of a depth"] = (away.max(), 3e-4)
     return made
+
+
+def _sent_light(rng) -> float:
+    """Largest error of the light that patches send to the ground."""
+    ground = (rng.uniform(-3.0, 3.0, (300, 3)) * (1.0, 0.0, 1.0)).astype(np.float32)
+    normals = rng.normal(size=(40, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    places = rng.uniform(-1.0, 1.0, (40, 3)) + (0.0, 1.1, 0.0)
+    rest = rng.uniform(0.0, 0.3, (40, 1)), rng.uniform(0.0, 1.0, (40, 3))
+    patches = np.column_stack([places, normals, *rest]).astype(np.float32)
+    found, exact = np.zeros((300, 3), np.float32), np.zeros((300, 3))
+    kernels.gather_patches(ground, patches, found)
+    gather_patches_reference(ground, patches.astype(np.float64), exact)
+    return float(np.abs(found - exact).max())
 
 
 def _table(made) -> Outcome:
