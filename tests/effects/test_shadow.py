@@ -104,6 +104,20 @@ def test_shadow_of_a_lamp_on_any_side_shows_no_pattern_of_its_samples():
     assert around.std() < 0.1 * around.mean()
 
 
+def test_shadow_of_an_unsure_lamp_may_lie_out_of_view():
+    """A low sun casts it beyond the frame; contact darkening under the card stays."""
+    low = np.array([1.0, -0.05, 0.0]) / math.hypot(1.0, 0.05)
+    turns = np.radians(np.linspace(-5.0, 5.0, 24))
+    around = hemispheres(GREY / math.pi, GREY / math.pi)
+    light = Illumination((Lamp(sun(GREY, low), 0.01, turns),), around)
+    close = CARD * (1.0, 0.5, 1.0)
+    found = loss(cast(light, vertices=close))[..., 0]
+    alone = loss(cast(Illumination((), around), vertices=close))[..., 0]
+    given = from_lamp(light.lamps[0], np.zeros(3))[0]
+    np.testing.assert_allclose(found, alone / (1.0 + given), atol=1e-3)
+    assert found.max() > 0.1
+
+
 def test_ground_gets_as_much_of_a_lamp_wherever_it_may_stand():
     lamp = Lamp(sun(GREY, DOWN), 0.1, np.radians(np.linspace(-180.0, 180.0, 72)))
     np.testing.assert_allclose(from_lamp(lamp, np.zeros(3)), GREY * -DOWN[1])

@@ -182,6 +182,8 @@ class _Share:
         self, camera: Camera, ground_y: float, surface: Float64, own: LightSamples
     ) -> _Share:
         """It without the pattern of its samples, faded out where it is too faint to be visible."""
+        if not self.hidden.size:  # out of view
+            return self
         soft = smoothed(self.hidden, self.grid.view(camera), ground_y, surface, own.spacing)
         return _Share(visible_contact(soft, own.count), self.grid)
 
@@ -194,12 +196,12 @@ class _Share:
 
     def on(self, grid: Grid) -> Float32:
         """The same on another grid, 0 where it is not known."""
-        size = self.grid.step // grid.step
-        hidden = enlarged(self.hidden, size) if size > 1 else self.hidden
         out = np.zeros(grid.shape, np.float32)
         here, there = (pixels_of(one.box, grid.step) for one in (grid, self.grid))
         common = here.intersection(there)
         if not common.empty:
+            size = self.grid.step // grid.step
+            hidden = enlarged(self.hidden, size) if size > 1 else self.hidden
             out[common.slices_in(here)] = hidden[common.slices_in(there)]
         return out
 
