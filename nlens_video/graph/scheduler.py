@@ -179,7 +179,7 @@ def begin_in_thread(work: Callable[[], T]) -> Callable[[], T]:
             raise outcome[0]
         return outcome[0]
 
-    threading.Thread(target=attempt, name="open", daemon=True).start()
+    threading.Thread(target=attempt, name="begun", daemon=True).start()
     return wait
 
 

@@ -18,6 +18,7 @@ R = TypeVar("R")
 Band = tuple[int, int]
 """First row, and the one past the last."""
 
+_BAND_PX = 32768  # of a picture, for a thread
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 _thread = threading.local()
@@ -37,6 +38,16 @@ def processors() -> int:
 def bands(rows: int, height: int) -> list[Band]:
     """Parts of `height` rows at most."""
     return [(top, min(top + height, rows)) for top in range(0, rows, height)]
+
+
+def picture_bands(rows: int, width: int) -> list[Band]:
+    """Bands of rows of a picture, each large enough to be worth a thread.
+
+    Args:
+        rows: of the picture.
+        width: pixels of a row.
+    """
+    return bands(rows, max(1, _BAND_PX // max(width, 1)))
 
 
 def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | None = None) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import Float32, Float64
@@ -14,10 +15,15 @@ from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.gltf.textures import TextureUse
 from nlens_video.scene.posed import PosedScene
 
+Index = npt.NDArray[np.int64]
+
 COUNT = 128
 """Patches of a scene; rounding up gives each of its meshes one more at most."""
+_INWARD = 0.02  # from its place to the middle of its triangle [1]
 _TEXELS = 32  # side of the picture that a texture is averaged to: a patch is no smaller [px]
-_R2 = (0.7548776662466927, 0.5698402909980532)  # Roberts' low-discrepancy sequence
+_LOOKED_AT = 256  # texels of its longer side of which that is the mean [px]
+R2 = (0.7548776662466927, 0.5698402909980532)
+"""Of Roberts' low-discrepancy sequence."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,21 +81,15 @@ class Patches:
         parts = []
         for number, (mesh, size) in enumerate(zip(posed.meshes, sizes, strict=True)):
             own = _areas(mesh.geometry.positions, mesh.faces)
-            sums = np.cumsum(own)
-            if not len(sums) or sums[-1] <= 0.0:
+            if own.sum() <= 0.0:
                 continue
             count = math.ceil(COUNT * size / sizes.sum())
-            at = np.arange(count)
-            chosen = np.searchsorted(sums, (at + 0.5) / count * sums[-1], side="right")
-            chosen = np.minimum(chosen, len(sums) - 1)
-            one, two = (at * _R2[0]) % 1.0, (at * _R2[1]) % 1.0
-            over = one + two > 1.0
-            one, two = np.where(over, 1.0 - one, one), np.where(over, 1.0 - two, two)
-            weights = np.stack([1.0 - one - two, one, two], axis=1)
+            chosen, along, aside = points_by_area(own, count)
+            # off the edges of triangles, where a texture may begin anew
+            weights = np.stack([1.0 - along - aside, along, aside], axis=1)
+            weights += _INWARD * (1.0 / 3.0 - weights)
             corners = mesh.faces[chosen]
-            # a rounded sum may choose a triangle of no extent
-            some = own[chosen] > 0.0
-            share = np.divide(sums[-1] / count, own[chosen], out=np.zeros(count), where=some)
+            share = own.sum() / count / own[chosen]
             colors = _colors(mesh.geometry, corners, weights)
             parts.append(_OfMesh(number, corners, weights, share, colors))
         return cls(tuple(parts))
@@ -110,6 +110,25 @@ class Patches:
             np.concatenate(points), np.concatenate(normals), np.concatenate(areas),
             np.concatenate(colors),
         )  # fmt: skip
+
+
+def points_by_area(areas: Float64, count: int) -> tuple[Index, Float64, Float64]:
+    """Points on triangles, evenly by their area: where some have extent, none on the others.
+
+    Args:
+        areas: of the triangles (T,), one at least.
+        count: of the points, N.
+
+    Returns:
+        The triangle of each (N,), and how far it lies along the triangle's first side and along its
+        other side from the first vertex (N,), together 1 at most [1].
+    """
+    sums = np.cumsum(areas)
+    number = np.arange(count)
+    at = np.searchsorted(sums, (number + 0.5) / count * sums[-1])
+    along, aside = (number * R2[0]) % 1.0, (number * R2[1]) % 1.0
+    over = along + aside > 1.0
+    return at, np.where(over, 1.0 - along, along), np.where(over, 1.0 - aside, aside)
 
 
 def _areas(positions: Float32, corners: Int32) -> Float64:
@@ -141,7 +160,9 @@ def _colors(geometry: Geometry, corners: Int32, weights: Float64) -> Float64:
 
 def _texels(use: TextureUse, uv: Float64) -> Float64:
     """Colours (P, 3) of a texture around places on it (P, 4), the texture coordinates 0 and 1."""
-    pixels = use.image.pixels[..., :3]
+    height, width = use.image.pixels.shape[:2]
+    step = max(1, max(height, width) // _LOOKED_AT)
+    pixels = use.image.pixels[::step, ::step, :3]
     linear = transfer("iec61966-2-1").to_linear(np.arange(256) / 255.0).astype(np.float32)
     size = tuple(min(side, _TEXELS) for side in pixels.shape[1::-1])
     few = cv2.resize(linear[pixels], size, interpolation=cv2.INTER_AREA)

@@ -1,14 +1,18 @@
 """A first look at a file tells whether its lens rests, and what moves as a still camera sees it."""
 
+import threading
+from threading import Event
+
 import numpy as np
 import pytest
 from support import shots, takes
 
+from nlens_video.core.errors import InputError
 from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run import first_look as module
-from nlens_video.run.first_look import first_look
+from nlens_video.run.first_look import begun_look, first_look
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import read_again
 from nlens_video.run.plate_source import opened
@@ -94,6 +98,33 @@ def test_survey_of_the_first_look_is_that_of_a_look_of_its_own(clip):
         own.see(frame)
     assert own.times == look.survey.times
     np.testing.assert_array_equal(own.survey.result().roots, look.survey.survey.result().roots)
+
+
+def test_a_look_that_has_begun_is_the_look(clip):
+    given = asked(clip(pulled(30, 8, 20)))
+    look = first_look(given)
+    with begun_look(given) as begun:
+        found = begun()
+    assert found.lens_rests == look.lens_rests
+    assert found.survey.times == look.survey.times
+
+
+def test_a_look_that_nobody_waits_for_ends(clip):
+    given, left = asked(clip([1.0] * 12)), Event()
+    left.set()
+    assert first_look(given, left) is None
+    with begun_look(given):
+        pass
+    assert not [one for one in threading.enumerate() if one.name in ("begun", "decode")]
+
+
+def test_a_fault_of_a_look_is_raised_where_it_is_waited_for(tmp_path):
+    shots.cube_glb(tmp_path / "anim.glb")
+    (tmp_path / "in.mp4").write_bytes(b"no film")
+    with begun_look(asked(tmp_path)):
+        pass
+    with begun_look(asked(tmp_path)) as begun, pytest.raises(InputError, match=r"in\.mp4"):
+        begun()
 
 
 @pytest.mark.parametrize(

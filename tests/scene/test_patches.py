@@ -1,13 +1,16 @@
 """Patches of the object's surface: they cover it evenly, and move and look as it does."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.glb_builder import QUAD, GlbBuilder
+from hypothesis import given
+from hypothesis import strategies as st
+from support.glb_builder import QUAD, QUAD_UV, GlbBuilder
 
 from nlens_video.scene import Scene
-from nlens_video.scene.patches import COUNT, Patches
+from nlens_video.scene.patches import COUNT, Patches, points_by_area
 
 RED = (0.8, 0.1, 0.05, 1.0)
 
@@ -96,3 +99,36 @@ def test_triangles_of_no_extent_have_no_patches(tmp_path):
     builder.node(mesh=builder.mesh(positions=np.zeros_like(QUAD)))
     posed = Scene.load(builder.write(tmp_path / "scene.glb")).pose(0.0)
     assert Patches.of(posed).at(posed).points.shape == (0, 3)
+
+
+@given(st.lists(st.sampled_from([0.0, 1e-30, 1e-3, 1.0, 1e12]), min_size=1, max_size=30))
+def test_points_lie_on_triangles_that_have_extent_as_often_as_they_are_large(areas):
+    areas = np.array(areas)
+    chosen, along, aside = points_by_area(areas, 400)
+    assert (along >= 0.0).all() and (aside >= 0.0).all() and (along + aside <= 1.0).all()
+    if areas.any():
+        assert (areas[chosen] > 0.0).all()
+        share = np.bincount(chosen, minlength=len(areas)) / 400
+        np.testing.assert_allclose(share, areas / areas.sum(), atol=1 / 400 + 1e-9)
+    else:
+        assert (chosen == 0).all()
+
+
+def test_color_of_a_large_texture_is_that_around_the_patch(tmp_path):
+    """Of a texture of many texels a part is looked at: its memory does not grow with it."""
+    builder = GlbBuilder()
+    pixels = np.zeros((2048, 2048, 3), np.uint8)
+    pixels[1024:] = (255, 128, 0)
+    texture = builder.texture(pixels)
+    chosen = {"pbrMetallicRoughness": {"baseColorTexture": {"index": texture}}}
+    material = builder.add("materials", chosen)
+    builder.node(mesh=builder.mesh(material=material, TEXCOORD_0=QUAD_UV))
+    posed = Scene.load(builder.write(tmp_path / "scene.glb")).pose(0.0)
+    tracemalloc.start()
+    found = Patches.of(posed).at(posed)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 8e6
+    low = found.points[:, 1] < -0.05  # the lower half of the picture lies there
+    np.testing.assert_allclose(found.colors[low][:, 0], 1.0, atol=0.02)
+    np.testing.assert_allclose(found.colors[found.points[:, 1] > 0.05], 0.0, atol=0.02)

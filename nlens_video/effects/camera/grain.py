@@ -15,15 +15,14 @@ import numpy as np
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
-from nlens_video.kernels.thread_pool import Band, bands, parallel_for
+from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 
 LAGS = 3  # reach of the spatial correlation, each way [px]
 _PERSISTENT = 0.03  # share of a past picture's noise that is neglected
 _MOST_PAST = 12  # past pictures in the noise
 _SEED = 20
-_WORD = 0xFFFFFFFF
-_BAND_PX = 32768  # of a layer, for a thread
+_WORD = 0xFFFFFFFF  # 32 bits
 TILE_PX = 512
 """Side of the noise that is laid on each frame from another place [px]."""
 
@@ -152,7 +151,7 @@ def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -
         part = slice(*band)
         kernels.regrain(out[part], plate[part], noise[part], curve, codes, lights)
 
-    parallel_for(add, bands(len(out), max(1, _BAND_PX // max(out.shape[1], 1))))
+    parallel_for(add, picture_bands(*out.shape[:2]))
     return out
 
 
@@ -224,9 +223,9 @@ def tiled(
 
     Args:
         tile: (size, size, 3).
-        box: of the frame, (h, w).
+        box: of the frame (h, w) [px].
         places: row and column of the tile at the frame's first pixel, once for each share [px].
-        shares: weights.
+        shares: weights [1].
 
     Returns:
         The sum on the box (h, w, 3).

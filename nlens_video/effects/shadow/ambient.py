@@ -13,6 +13,7 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.illumination import LUMINANCE, polynomial
+from nlens_video.scene.patches import points_by_area
 
 _GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))  # of a turn: Vogel's spiral
 _LOWEST = 0.93  # squared sine off the vertical beyond which ambient light is neglected
@@ -114,12 +115,7 @@ def surface_points(vertices: Float64, faces: Int32, count: int = _POINTS) -> Flo
     # the area squared by Lagrange's identity, which is quicker than a cross product
     square = _dot(one, one) * _dot(two, two) - _dot(one, two) ** 2
     area = np.sqrt(np.maximum(square, 0.0), dtype=np.float64)
-    sums = np.cumsum(area)
-    number = np.arange(count)
-    at = np.searchsorted(sums, (number + 0.5) / count * sums[-1]).clip(0, len(faces) - 1)
-    along, aside = (number * 0.7548776662466927) % 1.0, (number * 0.5698402909980532) % 1.0
-    over = along + aside > 1.0
-    along, aside = np.where(over, 1.0 - along, along), np.where(over, 1.0 - aside, aside)
+    at, along, aside = points_by_area(area, count)
     chosen = vertices[faces[at], :3]
     spread = chosen[:, 0] + along[:, None] * (chosen[:, 1] - chosen[:, 0])
     spread += aside[:, None] * (chosen[:, 2] - chosen[:, 0])

@@ -15,9 +15,8 @@ from nlens_video.effects.shadow.casters import ClippedMesh, Occluder, project_al
 from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, Projection, mark_covered
 from nlens_video.effects.shadow.transparency import absorb, no_absorption
 from nlens_video.kernels.thread_pool import parallel_for
+from nlens_video.scene.patches import R2
 
-R2 = (0.7548776662466927, 0.5698402909980532)
-"""Of Roberts' low-discrepancy sequence."""
 _NEAREST = 1e-6  # depth at which a box is clipped, by the greatest of its corners
 # of a box, as pairs of its corners in the order of `product`
 _BOX_EDGES = np.array([(n, n | bit) for bit in (1, 2, 4) for n in range(8) if not n & bit])

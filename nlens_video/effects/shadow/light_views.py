@@ -13,10 +13,10 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.ambient import surface_points
-from nlens_video.effects.shadow.blocked import R2
 from nlens_video.effects.shadow.casters import Occluder
 from nlens_video.native import kernels
 from nlens_video.scene.gltf.meshes import Int32
+from nlens_video.scene.patches import R2
 
 _LARGEST = 512  # side of a map [px]
 _CELLS = 24  # each way, in which the nearest of the sampled points is kept

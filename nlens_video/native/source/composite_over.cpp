@@ -120,9 +120,9 @@ public:
 
     // Composites rows of coarse samples, which do not depend on each other.
     void run(int from, int to) {
-        const int top = from * down_.step - down_.phase - y0_, bottom = to * down_.step - down_.phase - y0_;
+        const auto first_of = [this](int row) { return row * down_.step - down_.phase - y0_; };
         const int reach = std::max(down_.weights.shape[0], down_.step) + std::abs(down_.first);
-        drawn_.look_at(top - reach, bottom + reach);
+        drawn_.look_at(first_of(from) - reach, first_of(to) + reach);
         for (int row = from; row < to; ++row) {
             const int top = row * down_.step - down_.phase;
             const auto [first, end] = drawn_.ends(top - y0_, top - y0_ + down_.step);

@@ -10,11 +10,9 @@ from functools import lru_cache
 import numpy as np
 
 from nlens_video.core.layers import Box, Float32
-from nlens_video.kernels.thread_pool import Band, bands, parallel_for
+from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
-
-_BAND_PX = 32768  # of a box of the frame, for a thread
 
 
 @lru_cache(maxsize=64)
@@ -33,13 +31,8 @@ def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
             maps.rgb_from_codes, maps.to_linear, maps.to_bt709, to_display, out[slice(*band)],
         )  # fmt: skip
 
-    parallel_for(decode, _bands(box.height, box.width))
+    parallel_for(decode, picture_bands(box.height, box.width))
     return out
-
-
-def _bands(rows: int, width: int) -> list[Band]:
-    """Bands of rows of a picture that are worth a thread each."""
-    return bands(rows, max(1, _BAND_PX // max(width, 1)))
 
 
 def linear(samples: Samples, box: Box) -> Float32:
@@ -88,4 +81,4 @@ def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool 
             (box.y0, box.x0), layer, coding, samples.coding.peak, (top + band[0], top + band[1]),
         )  # fmt: skip
 
-    parallel_for(composite, _bands(coarse, box.width * down.step))
+    parallel_for(composite, picture_bands(coarse, box.width * down.step))
