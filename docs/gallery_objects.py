@@ -198,6 +198,16 @@ def wall(path: Path) -> None:
     made.save(path)
 
 
+def boards(path: Path) -> None:
+    """A grey board in the park whose shadow falls towards a red one, which the sun shines on."""
+    made = Glb()
+    made.camera(PARK)
+    grey, red = (_flat_paint(made, np.full((4, 4, 3), one), 0.9) for one in (0.4, (1.0, 0.12, 0.1)))
+    _add_box(made, (0.04, 0.15, 0.5), (-0.3, 0.075, -3.5), grey)
+    _add_box(made, (0.04, 0.4, 0.5), (0.1, 0.2, -3.5), red)
+    made.save(path)
+
+
 def screen(path: Path) -> None:
     """A perforated screen and a pane of coloured glass behind the terrace's focal plane."""
     made = Glb()

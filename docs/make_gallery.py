@@ -48,6 +48,7 @@ from nlens_video.graph.session import open_session
 from nlens_video.report.ground_grid import grid_in_view, over_plate
 from nlens_video.run.render import render
 from nlens_video.scene import scene_light
+from nlens_video.scene.patches import Patches
 from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -178,6 +179,19 @@ def plate_light(folder: Path) -> list[Panel]:
         shown = composite(SAMPLES / "in2.mp4", scene, 4, fit=SAMPLES / "in2.json")
         panels.append((title, shown.crop((60, 152, 540, 512))))
     return panels
+
+
+def bounce(folder: Path) -> list[Panel]:
+    """A red board that the sun of a map shines on, and the ground in the shadow of another one."""
+    glb, env = folder / "boards.glb", folder / "evening.hdr"
+    objects.boards(glb)
+    objects.evening(env, towards_deg=180.0, warm=True)
+    scene = ObjectSettings(glb=glb, light=LightSettings(env=env, env_exposure_ev=-0.4))
+    plate, fit, crop = SAMPLES / "in2.mp4", SAMPLES / "in2.json", (250, 190, 730, 460)
+    with patch.object(Patches, "of", return_value=None):
+        without = composite(plate, scene, 4, fit=fit)
+    shown = composite(plate, scene, 4, fit=fit)
+    return [("without", without.crop(crop)), ("as it is", shown.crop(crop))]
 
 
 def shadow(folder: Path) -> list[Panel]:
@@ -491,6 +505,7 @@ PICTURES: dict[str, Callable[[Path], list[Panel]]] = {
     "plate_light": plate_light,
     "environment": environment,
     "materials": materials,
+    "bounce": bounce,
     "shadow": shadow,
     "own_shadows": own_shadows,
     "holdout": holdout,
