@@ -118,23 +118,54 @@ def weave(rng: Rng, size: int) -> Float32:
     return np.float32(tone * ((1 - deep * (1 - height)) * (1 + thread))[..., None])
 
 
+def blotches(rng: Rng, size: int) -> Float32:
+    """Camouflage, lichen, stains: two tones in blotches of one size, with sharp or soft borders."""
+    radius = _log_uniform(rng, 1.5, 30)
+    field = cv2.GaussianBlur(
+        noise(rng, size, rng.uniform(0, 1), rng.choice([1.0, 3.0])), (0, 0), radius
+    )
+    field = field - cv2.GaussianBlur(field, (0, 0), rng.uniform(1.5, 6) * radius)
+    share = 0.5 + 0.5 * np.tanh(_log_uniform(rng, 1, 20) * (field / (field.std() + 1e-9)))
+    return np.float32(_colour(rng) + share[..., None] * (_colour(rng) - _colour(rng)))
+
+
 def soft_pattern(rng: Rng, size: int) -> Float32:
     """Painted, printed or worn softly: a pattern without sharp borders on mostly sharp grain."""
-    pattern = (stripes, dead_leaves, glyphs, gravel, terrazzo)[rng.integers(5)](rng, size)
+    pattern = SOFTENED[rng.integers(len(SOFTENED))](rng, size)
     soft = cv2.GaussianBlur(pattern, (0, 0), _log_uniform(rng, 1.0, 7.0))
     if rng.random() < 0.85:
         soft = soft + _fine(rng, size)
     return np.asarray(soft, np.float32)
 
 
+SOFTENED = (stripes, dead_leaves, glyphs, gravel, terrazzo, blotches, blotches)
+
+
+def smooth_wood(rng: Rng, size: int) -> Float32:
+    """Planed, varnished wood: soft rings and long soft streaks under faint sharp pores."""
+    angle = rng.choice([0.0, np.pi / 2, rng.uniform(0, np.pi)])
+    y, x = np.mgrid[0:size, 0:size].astype(np.float32)
+    across = y * np.cos(angle) - x * np.sin(angle)
+    warp = rng.uniform(4, 40) * noise(rng, size, 2.2, rng.uniform(2, 8), angle)
+    rings = np.sin(2 * np.pi * (across + warp) / _log_uniform(rng, 8, 90))
+    streaks = noise(rng, size, rng.uniform(1.0, 2.0), rng.uniform(8, 40), angle)
+    pores = noise(rng, size, rng.uniform(0, 0.5), rng.uniform(3, 12), angle)
+    field = rng.uniform(0, 0.12) * rings + _log_uniform(rng, 0.01, 0.15) * streaks
+    field = field + _log_uniform(rng, 0.002, 0.025) * pores
+    brown = rng.uniform(0.15, 0.9) * np.array([1.0, rng.uniform(0.7, 0.95), rng.uniform(0.4, 0.9)])
+    return np.float32(brown * (1 + field[..., None] * rng.uniform(0.7, 1.3, 3)))
+
+
 GROUNDS: tuple[tuple[Callable[[Rng, int], Float32], float], ...] = (
-    (self_similar, 0.20),
-    (sand, 0.19),
-    (gravel, 0.17),
-    (relief, 0.16),
-    (soft_pattern, 0.11),
-    (weave, 0.09),
-    (terrazzo, 0.08),
+    (self_similar, 0.18),
+    (sand, 0.16),
+    (gravel, 0.15),
+    (relief, 0.14),
+    (soft_pattern, 0.13),
+    (smooth_wood, 0.08),
+    (weave, 0.07),
+    (terrazzo, 0.05),
+    (blotches, 0.04),
 )
 
 

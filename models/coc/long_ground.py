@@ -39,9 +39,9 @@ from models.coc.textures import Photos, noise, surface, to_linear
 Float32 = npt.NDArray[np.float32]
 Rng = np.random.Generator
 FOCUS_INSIDE_SHARE = 0.65
-GLOSSY_SHARE = 0.18
+GLOSSY_SHARE = 0.22
 STRANDS_SHARE = 0.14
-RENDERED_SHARE = 0.35
+RENDERED_SHARE = 0.45
 FEWEST_SAMPLES, MOST_SAMPLES = 12, 1500  # of a path tracer's lens
 FILMED_SHARE = 0.55
 

@@ -31,6 +31,7 @@ MARGIN = 32  # what light can come from beyond the border [px]
 MAX_COC_PX = 64.0
 PHOTO_SHARE = 0.4
 TEXTURE_SIZE = 648
+MOST_TAPS = 5  # of one pixel on the texture
 RENDERED_SHARE = 0.45  # of the pictures carry the noise of a lens sampled by a path tracer
 
 
@@ -99,12 +100,22 @@ def draw_layout(rng: Rng) -> tuple[Layout, Float32 | None]:
     return Layout(disparity, slope * shrink, offset * shrink, down), wall
 
 
+def within(place: Float32, side: int) -> Float32:
+    """Coordinates on a texture of `side` px that goes on as its mirror image without end.
+
+    OpenCV holds the border's value instead where a coordinate lies more than a side beyond it.
+    """
+    turns = np.rint(place * np.float32(0.5 / (side - 1)))
+    return np.abs(place - np.float32(2 * (side - 1)) * turns)
+
+
 def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
     """The ground: a square texture seen along the layout's plane, sharp to the pixel near and far.
 
     A texture that is magnified is soft without any defocus, and teaches the network to take blur
     for a smooth surface; so the nearest row sees about a texel a pixel, and farther rows
-    smaller copies of the texture.
+    smaller copies of the texture. Where the view is flat a pixel covers many texels one behind the
+    other; it shows their mean, from up to MOST_TAPS places.
     """
     size = layout.disparity.shape[0]
     side = texture.shape[0]
@@ -116,7 +127,8 @@ def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
     across, along = scale * (x * sine - y * cosine) / d, scale * tilt * (x * cosine + y * sine) / d
     u = across * np.cos(turn) - along * np.sin(turn) + side / 2
     v = across * np.sin(turn) + along * np.cos(turn) + side / 2
-    level = np.clip(np.log2(scale / d), 0, 4).astype(np.int32)
+    level = np.clip(np.log2(scale / d), 0, 5).astype(np.int32)
+    row = scale * tilt / d**2  # of the texture that one row of the picture runs along [px]
     seen = np.zeros((size, size, 3), np.float32)
     for step in range(int(level.max()) + 1):
         if step:
@@ -126,9 +138,16 @@ def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
         if not len(rows):
             continue
         strip = slice(rows[0], rows[-1] + 1)
-        place = ((np.float32(axis[strip]) + 0.5) * 0.5**step - 0.5 for axis in (u, v))
-        copy = cv2.remap(texture, *place, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
-        np.copyto(seen[strip], copy, where=here[strip, :, None])
+        taps = int(np.clip(np.median(row[here]) * 0.5**step, 1, MOST_TAPS))
+        kind = cv2.INTER_CUBIC if taps == 1 else cv2.INTER_LINEAR
+        for tap in range(taps):
+            aside = row[strip] * ((tap + 0.5) / taps - 0.5)
+            place = (
+                within((np.float32(axis) + 0.5) * 0.5**step - 0.5, len(texture))
+                for axis in (u[strip] - aside * np.sin(turn), v[strip] + aside * np.cos(turn))
+            )
+            copy = cv2.remap(texture, *place, kind, borderMode=cv2.BORDER_REFLECT_101)
+            seen[strip] += copy * (here[strip, :, None] / np.float32(taps))
     seen = np.maximum(seen, 0)
     return grained(rng, seen) if rng.random() < GRAINED_SHARE else seen
 
@@ -265,11 +284,14 @@ def path_traced(rng: Rng, moments: Float32, fewest: float = 40, most: float = 15
     """The picture that a renderer gets from `fewest` to `most` samples of the lens.
 
     Its noise is not that of a sensor: it is strong where a disc covers strong contrast, just where
-    the blur must be read.
+    the blur must be read. Half of the pictures have that of the lights, too, which is the same
+    share of the light everywhere.
     """
     samples = np.exp(rng.uniform(np.log(fewest), np.log(most)))
     mean, square = moments[..., :3], moments[..., 3:]
-    deviation = np.sqrt(np.maximum(square - mean * mean, 0) / samples)
+    of_lights = rng.uniform(0.3, 1.2) ** 2 if rng.random() < 0.5 else 0.0
+    variance = np.maximum(square - mean * mean, 0) + np.float32(of_lights) * mean * mean
+    deviation = np.sqrt(variance / samples)
     chance = rng.standard_normal((*mean.shape[:2], 1), dtype=np.float32)
     return np.maximum(mean + deviation * chance, 0).astype(np.float32)
 

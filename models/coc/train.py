@@ -10,120 +10,20 @@ whole pictures for the second half. An interrupted run resumes from its checkpoi
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import torch
-from torch import Tensor
 
-from models.coc.data import LABEL_STEP, Reservoir
+from models.coc.batches import Batches, moved
+from models.coc.data import Reservoir
 from models.coc.evaluate import Estimate, Figures, evaluate_plates, figures
 from models.coc.network import CocNet, coc_and_sigma, laplace_loss
+from models.coc.recorded import RecordedRun
+from models.coc.run import Recipe, Run
 from models.coc.scene import SIZE
-from models.training import Schedule, TrainingRun, arguments, train
-
-RENDERED_SHARE = 0.12  # of a batch, when there are rendered pictures
-LARGE_CROPS_FROM = 0.5  # share of the time
-CPU = torch.device("cpu")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe(Schedule):
-    """Schedule and batches of a run.
-
-    Attributes:
-        pixels: pixels of a batch [px].
-        crop: edge of the crops in the first part, a multiple of 32 [px].
-        beta: exponent of the beta-NLL.
-    """
-
-    minutes: float = 80.0
-    rate: float = 1.2e-3
-    warm_up_steps: int = 300
-    pixels: int = 2 * SIZE * SIZE
-    crop: int = 256
-    beta: float = 0.5
-
-    def crop_at(self, progress: float) -> int:
-        """Edge of the crops at a share of the time [px]."""
-        return self.crop if progress < LARGE_CROPS_FROM else SIZE
-
-
-class Source:
-    """Where a batch comes from: drawn pictures and, once there are some, rendered ones."""
-
-    def __init__(self, drawn: Path, rendered: Path | None) -> None:
-        self._drawn = Reservoir(drawn)
-        self._path, self._rendered = rendered, None
-
-    def pick(self, rng: np.random.Generator) -> tuple[Reservoir, int]:
-        """A reservoir and the index of a picture in it."""
-        if self._rendered is None and self._path and (self._path / "state.json").exists():
-            self._rendered = Reservoir(self._path)
-        data = self._drawn
-        if self._rendered and self._rendered.drawn and rng.random() < RENDERED_SHARE:
-            data = self._rendered
-        return data, int(rng.integers(min(data.drawn, len(data.pictures))))
-
-
-def draw_batch(
-    rng: np.random.Generator, source: Source, crop: int, count: int, device: torch.device = CPU
-) -> tuple[Tensor, Tensor]:
-    """Random crops, turned and re-exposed a little: RGB (n, 3, c, c) and CoC (n, c/4, c/4)."""
-    side = crop // LABEL_STEP
-    pictures = np.empty((count, crop, crop, 3), np.uint8)
-    labels = np.empty((count, side, side), np.float16)
-    for i in range(count):
-        data, index = source.pick(rng)
-        y, x = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, 2)
-        rows, columns = (slice(at * LABEL_STEP, at * LABEL_STEP + crop) for at in (y, x))
-        pictures[i] = data.pictures[index, rows, columns]
-        labels[i] = data.labels[index, y : y + side, x : x + side]
-    rgb, coc = (_moved(torch.from_numpy(part), device) for part in (pictures, labels))
-    rgb = rgb.permute(0, 3, 1, 2).float() / 255
-    turns, flips = rng.integers(4, size=count), rng.integers(2, size=count)
-    for i, (turn, flip) in enumerate(zip(turns, flips, strict=True)):
-        for part in (rgb, coc):
-            turned = torch.rot90(part[i], int(turn), (-2, -1))
-            part[i] = turned.flip(-1) if flip else turned.clone()
-    gain = np.exp(rng.normal(0, 0.06, (count, 3, 1, 1)))
-    level = np.maximum(0, rng.normal(-0.5, 1, (count, 1, 1, 1))) / 255
-    gain, level = (_moved(torch.from_numpy(np.float32(part)), device) for part in (gain, level))
-    seed = torch.Generator(device).manual_seed(int(rng.integers(2**31)))
-    grain = level * torch.randn(rgb.shape, generator=seed, device=device)
-    return (rgb * gain + grain).clamp(0, 1), coc.float()
-
-
-def _moved(part: Tensor, device: torch.device) -> Tensor:
-    """A tensor on the device; a GPU goes on working meanwhile."""
-    return part if device.type == "cpu" else part.pin_memory().to(device, non_blocking=True)
-
-
-class Run(TrainingRun):
-    """Training of the CoC network."""
-
-    EMA_DECAY = 0.999
-
-    def build(self) -> CocNet:
-        """The CoC network."""
-        return CocNet()
-
-    def loss(self, data: Source) -> tuple[Tensor, Tensor]:
-        """Beta-NLL of a batch, and its negative log-likelihood."""
-        crop = self.recipe.crop_at(self.progress)
-        count = max(1, self.recipe.pixels // crop**2)
-        rgb, coc = draw_batch(self.rng, data, crop, count, self.device)
-        with torch.autocast(self.device.type, dtype=torch.bfloat16):
-            answer = self.network(rgb.contiguous(memory_format=torch.channels_last))
-        loss, likelihood = laplace_loss(answer, coc, self.recipe.beta)
-        return loss, likelihood.detach()
-
-    def completed(self, weights: dict[str, Tensor]) -> dict[str, Tensor]:
-        """The weights, with residual blocks that they lack begun as the identity."""
-        fresh = self.network.state_dict().items()
-        return {name: weights.get(name, value * (".second." not in name)) for name, value in fresh}
+from models.training import arguments, train
 
 
 def _where(network: CocNet) -> torch.device:
@@ -135,7 +35,7 @@ def torch_estimate(network: CocNet) -> Estimate:
 
     def estimate(rgb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         with torch.inference_mode():
-            answer = network(_moved(torch.from_numpy(rgb), _where(network)).permute(2, 0, 1)[None])
+            answer = network(moved(torch.from_numpy(rgb), _where(network)).permute(2, 0, 1)[None])
             maps = [part[0].cpu().numpy() for part in coc_and_sigma(answer)]
         size = (rgb.shape[1], rgb.shape[0])
         coc, sigma = (cv2.resize(part, size, interpolation=cv2.INTER_LINEAR) for part in maps)
@@ -151,7 +51,7 @@ def validate(network: CocNet, data: Reservoir) -> tuple[float, Figures]:
     for first in range(0, count, 16):
         part = slice(first, min(first + 16, count))
         rgb, truth = (
-            _moved(torch.from_numpy(np.float32(values)), _where(network))
+            moved(torch.from_numpy(np.float32(values)), _where(network))
             for values in (data.pictures[part], data.labels[part])
         )
         rgb = rgb.permute(0, 3, 1, 2) / 255
@@ -203,9 +103,10 @@ def main() -> None:
         crop=options.crop,
         pixels=options.pictures * SIZE**2,
     )
-    run = Run(recipe, options.device)
+    run = RecordedRun(recipe) if options.device == "cuda" else Run(recipe)
+    batches = Batches(options.data, options.rendered, run.device)
     train(
-        run, Source(options.data, options.rendered), options, lambda: held_out(run, options),
+        run, batches, options, lambda: held_out(run, options),
         figure=("train_nll", 4), shown=lambda nll: f"nll {nll:.3f}",
         check_every_s=60 * options.check_every,
     )  # fmt: skip

@@ -130,11 +130,15 @@ def test_worker_that_fails_ends_the_drawing(tmp_path):
 
 
 def test_training_resumes_from_a_checkpoint(reservoir, resume):
-    from models.coc.train import Recipe, Run, Source, validate
+    import torch
+
+    from models.coc.batches import Batches
+    from models.coc.run import Recipe, Run
+    from models.coc.train import validate
 
     recipe = Recipe(minutes=1, crop=64, pixels=2 * 64 * 64)
     run, again = Run(recipe), Run(recipe)
-    resume(run, again, Source(reservoir.folder, None), 2)
+    resume(run, again, Batches(reservoir.folder, None, torch.device("cpu")), 2)
     likelihood, held_out = validate(again.average, reservoir)
     assert np.isfinite(likelihood) and held_out.rmse_px > 0
     assert likelihood == validate(run.average, reservoir)[0]
@@ -144,7 +148,8 @@ def test_training_resumes_from_a_checkpoint(reservoir, resume):
 def test_training_is_followed_on_two_held_out_sets(reservoir):
     from argparse import Namespace
 
-    from models.coc.train import Recipe, Run, held_out
+    from models.coc.run import Recipe, Run
+    from models.coc.train import held_out
 
     run = Run(Recipe())
     folders = {"validation": reservoir.folder, "hard_validation": reservoir.folder}
@@ -157,26 +162,59 @@ def test_training_is_followed_on_two_held_out_sets(reservoir):
 
 
 def test_rendered_pictures_are_mixed_into_batches_once_available(reservoir, tmp_path):
+    import torch
+
+    from models.coc.batches import Batches
     from models.coc.data import Reservoir
     from models.coc.scene import SIZE
-    from models.coc.train import Source, draw_batch
 
-    source = Source(reservoir.folder, tmp_path)
+    batches = Batches(reservoir.folder, tmp_path, torch.device("cpu"))
     rng = np.random.default_rng(0)
-    assert all(source.pick(rng)[0].folder == reservoir.folder for _ in range(20))
+
+    def rendered(count):
+        _, coc = batches.draw(rng, 64, count)
+        return int((coc == 7.0).all((1, 2)).sum())
+
+    assert rendered(60) == 0
     white = np.full((SIZE, SIZE, 3), 255, np.uint8)
     Reservoir(tmp_path, capacity=2).append(white, np.full((SIZE, SIZE), 7.0, np.float32))
-    places = [source.pick(rng)[0].folder for _ in range(60)]
-    assert 2 < places.count(tmp_path) < 30
-    _, coc = draw_batch(rng, source, 64, 40)
-    assert ((coc == 7.0).all((1, 2))).any()
+    assert sum(rendered(1) for _ in range(Batches.REFRESH_STEPS - 1)) == 0
+    assert 2 < rendered(60) < 30
+
+
+def test_crop_and_its_coc_are_turned_alike(tmp_path):
+    import torch
+
+    from models.coc.batches import Batches
+    from models.coc.data import Reservoir
+    from models.coc.scene import SIZE
+
+    y, x = np.mgrid[0:SIZE, 0:SIZE] // 4
+    cell = np.stack([y, x, np.full_like(y, 128)], -1).astype(np.uint8)
+    Reservoir(tmp_path, capacity=1).append(cell, np.float32(np.expm1(y / 40 + x / 400)))
+    batches = Batches(tmp_path, None, torch.device("cpu"))
+    pictures, coc = batches.draw(np.random.default_rng(3), 96, 40)
+    assert pictures.shape == (40, 3, 96, 96) and coc.shape == (40, 24, 24)
+    cells = pictures[:, :2, 2::4, 2::4]
+    gain = pictures[:, 2].mean((1, 2)) / (128 / 255)
+    corners, orientations = set(), set()
+    for (rows, columns), truth, blue in zip(cells, coc, gain, strict=True):
+        assert 0.7 < blue < 1.4
+        expected = torch.log1p(truth) * 40
+        down = [float(part[-1, 0] - part[0, 0]) for part in (rows, columns)]
+        orientations.add((abs(down[0]) > abs(down[1]), max(down) > -min(down)))
+        corners.add(round(float(expected.min())))
+        found = torch.stack([rows.ravel(), columns.ravel()], -1) * 255
+        weights = torch.linalg.lstsq(found, expected.ravel()[:, None]).solution.ravel()
+        assert weights[1] / weights[0] == pytest.approx(0.1, abs=0.06)
+    assert len(orientations) == 4 and len(corners) > 15
 
 
 def test_deepened_network_starts_with_the_output_of_the_shallow_one(tmp_path):
     import torch
 
     from models.coc.network import CocNet
-    from models.coc.train import Recipe, Run
+    from models.coc.run import Recipe, Run
 
     torch.manual_seed(0)
     shallow = CocNet(depths=(0, 1, 1, 1, 1))

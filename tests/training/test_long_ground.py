@@ -53,6 +53,34 @@ def test_cells_belong_to_their_nearest_point():
 
 
 @pytest.mark.slow
+def test_texture_goes_on_as_its_mirror_image_without_end():
+    from models.coc.scene import within
+
+    places = np.float32([-25, -10, -9, -1, 0, 0.5, 9, 9.5, 10, 18, 27, 100])
+    folded = np.float32([7, 8, 9, 1, 0, 0.5, 9, 8.5, 8, 0, 9, 8])
+    np.testing.assert_allclose(within(places, 10), folded, atol=1e-5)
+
+
+def test_ground_far_away_shows_the_mean_of_its_texture():
+    from models.coc.scene import Layout, in_perspective
+
+    size = 576
+    rows = np.float32(np.arange(size) - (size - 1) / 2)[:, None] * np.ones((1, size), np.float32)
+    disparity = np.maximum(1 + rows / 280, 0.05)
+    layout = Layout(disparity, 0.0, 0.0, (0.0, 1.0))
+    texture = np.float32(np.random.default_rng(0).random((648, 648, 1)) * np.ones(3))
+    seen = np.stack(
+        [in_perspective(np.random.default_rng(seed), layout, texture) for seed in (1, 8)]
+    )
+    near, far = seen[:, -60:], seen[:, 20:40]
+    assert far.std((1, 2)).max() < 0.4 * near.std((1, 2)).min()
+    np.testing.assert_allclose(far.mean((1, 2)), 0.5, atol=0.02)
+    for band in (near, far):  # neither direction is smeared
+        for axis in (1, 2):
+            step = np.diff(band, axis=axis).std()
+            assert step > 0.5 * band.std()
+
+
 def test_ground_that_mirrors_keeps_its_own_coc(photos, monkeypatch):
     from models.coc import long_ground
     from models.coc.scene import MARGIN, SIZE
