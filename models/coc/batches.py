@@ -11,7 +11,7 @@ from torch import Tensor
 from models.coc.data import LABEL_STEP, Reservoir
 from models.coc.scene import SIZE
 
-RENDERED_SHARE = 0.12  # of a batch, when there are rendered pictures
+RENDERED_SHARE = 0.15  # of a batch, when there are rendered pictures
 GAIN_DEVIATION = 0.06  # of the logarithm, of each channel
 
 
