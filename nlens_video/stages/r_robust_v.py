@@ -18,7 +18,7 @@ import numpy.typing as npt
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Float64
 
-INDEPENDENT = 3.0
+INDEPENDENT = 4.0
 """Independent samples that a plate is worth: 68 % of rendered plates lie within one error."""
 
 CUTOFF = 2.0  # residuals beyond this many expected errors stop counting
