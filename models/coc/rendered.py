@@ -20,10 +20,11 @@ import numpy.typing as npt
 import OpenEXR
 
 from models.coc.data import Reservoir
-from models.coc.degrade import photographed
+from models.coc.degrade import filmed, photographed
 from models.coc.scene import MARGIN, SIZE
 
 Float32 = npt.NDArray[np.float32]
+FILMED_SHARE = 0.4  # of the crops; the others are photographed
 CROP = SIZE + 2 * MARGIN  # what softens or moves a picture needs to see beyond its border [px]
 
 
@@ -73,7 +74,8 @@ def draw_crop(rng: np.random.Generator, plate: Plate) -> tuple[npt.NDArray[np.ui
     y, x = (int(rng.integers(0, n - CROP + 1)) for n in plate.coc.shape)
     window = np.s_[y : y + CROP, x : x + CROP]
     inner = np.s_[MARGIN : MARGIN + SIZE, MARGIN : MARGIN + SIZE]
-    picture = photographed(rng, np.ascontiguousarray(plate.light[window]))
+    finish = filmed if rng.random() < FILMED_SHARE else photographed
+    picture = finish(rng, np.ascontiguousarray(plate.light[window]))
     return picture[inner], plate.coc[window][inner]
 
 
