@@ -43,7 +43,7 @@ class CocNet(nn.Module):
 
     def __init__(self, widths: tuple[int, ...] = WIDTHS, depths: tuple[int, ...] = DEPTHS) -> None:
         super().__init__()
-        self.stem = nn.Conv2d(16, widths[0], 3, padding=1)
+        self.stem = nn.Conv2d(4, widths[0], 6, stride=2, padding=2)
         self.down = nn.ModuleList()
         self.encode = nn.ModuleList([self._blocks(widths[0], depths[0])])
         for before, width, depth in zip(widths, widths[1:], depths[1:], strict=False):
@@ -69,7 +69,7 @@ class CocNet(nn.Module):
         """Log-CoC and its log-scale; H and W multiples of STRIDE."""
         kind = picture.device.type
         with torch.autocast(kind, enabled=False):  # faint texture needs the full precision
-            features = self.stem(F.pixel_unshuffle(with_contrast(picture.float()), 2))
+            features = self.stem(with_contrast(picture.float()))
         levels = [self.encode[0](features)]
         for down, encode in zip(self.down, self.encode[1:], strict=True):
             levels.append(encode(down(F.relu(levels[-1]))))
