@@ -26,7 +26,7 @@ def resume(tmp_path):
     def train(run, fresh, data, steps):
         def weights():
             return np.concatenate(
-                [one.detach().numpy().ravel() for one in run.network.parameters()]
+                [one.detach().cpu().numpy().ravel() for one in run.network.parameters()]
             )
 
         before = weights()

@@ -210,6 +210,31 @@ def test_crop_and_its_coc_are_turned_alike(tmp_path):
     assert len(orientations) == 4 and len(corners) > 15
 
 
+@pytest.mark.needs_cuda
+def test_replayed_steps_on_a_gpu_train_as_single_ones_do(reservoir, resume):
+    import torch
+
+    from models.coc.batches import Batches
+    from models.coc.recorded import RecordedRun
+    from models.coc.run import Recipe, Run
+    from models.coc.train import validate
+
+    recipe = Recipe(minutes=1, rate=1e-3, warm_up_steps=1, crop=64, pixels=8 * 64 * 64)
+    gpu, cpu = RecordedRun(recipe), Run(recipe)
+    for run in (gpu, cpu):
+        batches = Batches(reservoir.folder, None, run.device)
+        losses = [float(run.advance(batches)) for _ in range(60)]
+        assert np.mean(losses[-10:]) < np.mean(losses[:10])
+    likelihood = [validate(run.average, reservoir)[0] for run in (gpu, cpu)]
+    assert likelihood[0] == pytest.approx(likelihood[1], abs=0.3)
+    resume(
+        RecordedRun(recipe),
+        RecordedRun(recipe),
+        Batches(reservoir.folder, None, torch.device("cuda")),
+        2,
+    )
+
+
 def test_deepened_network_starts_with_the_output_of_the_shallow_one(tmp_path):
     import torch
 
