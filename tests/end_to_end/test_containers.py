@@ -117,3 +117,18 @@ def test_dts_audio_without_an_encoder_is_copied(container, plates, tmp_path):
     plate = made("-i", plates["h264"], *sound, "-c:v", "copy", tmp_path / "in.mkv")
     assert not copy(plate, tmp_path / f"out.{container}")
     assert codecs(tmp_path / f"out.{container}") == {"video": "h264", "audio": "dts"}
+
+
+@pytest.mark.parametrize(
+    ("encoder", "pixel_format"),
+    [
+        ("libx264", "yuv420p"), ("libx264", "yuv420p10le"), ("libx264", "yuv444p10le"),
+        ("libx265", "yuv422p12le"), ("ffv1", "yuv420p14le"), ("ffv1", "gray16le"),
+        ("ffv1", "bgra"), ("prores_ks", "yuva444p10le"), ("ffv1", "gbrp10le"),
+    ],
+)  # fmt: skip
+def test_matroska_is_found_to_hold_pictures_of_any_sample_depth(encoder, pixel_format):
+    """x264 ends the whole process on samples beyond the depth."""
+    from nlens_video.video.output.containers import holds_video
+
+    assert holds_video("matroska", encoder, pixel_format)

@@ -40,7 +40,8 @@ _SIZES = {"dvvideo": (720, 576)}
 _BLOCK = 1152
 """Samples of sound in a block of a trial, where the encoder does not say [1]."""
 _OPTIONS = {
-    "libx265": {"x265-params": "log-level=none"},
+    "libx264": {"preset": "ultrafast"},
+    "libx265": {"preset": "ultrafast", "x265-params": "log-level=none"},
     "dnxhd": {"profile": "dnxhr_hq"},
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
 }
@@ -274,8 +275,16 @@ def _write_video(out: av.container.OutputContainer, stream: VideoStream | None) 
     for index in range(3):
         frame = av.VideoFrame(stream.width, stream.height, stream.pix_fmt or "yuv420p")
         for plane in frame.planes:
-            random = np.random.default_rng(index)
-            plane.update(random.integers(0, 256, plane.buffer_size, np.uint8).tobytes())
+            plane.update(_noise(index, plane.buffer_size, frame.format))
         frame.pts, frame.time_base = index, Fraction(1, 25)
         out.mux(stream.encode(frame))
     out.mux(stream.encode(None))
+
+
+def _noise(seed: int, size: int, pixels: av.VideoFormat) -> bytes:
+    """Bytes of a plane, of codes that its bits allow: x264 ends the process on larger ones."""
+    noise = np.random.default_rng(seed).integers(0, 256, size, np.uint8)
+    bits = max(component.bits for component in pixels.components)
+    if 8 < bits < 16:
+        noise[0 if pixels.is_big_endian else 1 :: 2] &= (1 << (bits - 8)) - 1
+    return noise.tobytes()
