@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,15 @@ GAIN_DEVIATION = 0.06  # of the logarithm, of each channel
 class Pictures:
     """The pictures of one reservoir; a GPU keeps them all and takes what is new.
 
+    A GPU needs the memory of the full reservoir at once, 0.82 MB a picture.
+
     Args:
         folder: the reservoir; it may not exist yet.
         device: that trains.
     """
 
     def __init__(self, folder: Path, device: torch.device) -> None:
-        self._folder, self._device = folder, device
+        self.folder, self._device = folder, device
         self._reservoir: Reservoir | None = None
         self._taken = 0
         self.pictures, self.labels = torch.empty(0), torch.empty(0)
@@ -37,12 +40,12 @@ class Pictures:
     def refresh(self) -> None:
         """Take what was drawn since."""
         if self._reservoir is None:
-            if not (self._folder / "state.json").exists():
+            if not (self.folder / "state.json").exists():
                 return
-            self._reservoir = Reservoir(self._folder)
+            self._reservoir = Reservoir(self.folder)
             files = (self._reservoir.pictures, self._reservoir.labels)
             if self._device.type == "cpu":
-                self.pictures, self.labels = (torch.from_numpy(part) for part in files)
+                self.pictures, self.labels = (_over(part) for part in files)
             else:
                 self.pictures, self.labels = (
                     torch.empty(part.shape, dtype=kind, device=self._device)
@@ -52,8 +55,8 @@ class Pictures:
         if self._device.type != "cpu":
             for index in range(max(self._taken, drawn - capacity), drawn):
                 at = index % capacity
-                self.pictures[at] = torch.from_numpy(self._reservoir.pictures[at]).to(self._device)
-                self.labels[at] = torch.from_numpy(self._reservoir.labels[at]).to(self._device)
+                self.pictures[at] = _over(self._reservoir.pictures[at]).to(self._device)
+                self.labels[at] = _over(self._reservoir.labels[at]).to(self._device)
         self._taken = drawn
 
 
@@ -81,12 +84,19 @@ class Batches:
             rng: source of chance.
             crop: edge, a multiple of 32, at most SIZE [px].
             count: of the crops.
+
+        Raises:
+            FileNotFoundError: nothing is drawn yet.
         """
         if self._turn % self.REFRESH_STEPS == 0:
             for part in (self._drawn, self._rendered):
                 if part is not None:
                     part.refresh()
         self._turn += 1
+        if not self._drawn.count:
+            raise FileNotFoundError(
+                f"{self._drawn.folder}: no picture there; draw some with models.coc.data"
+            )
         of_rendered = 0
         if self._rendered is not None and self._rendered.count:
             of_rendered = int(rng.binomial(count, RENDERED_SHARE))
@@ -129,6 +139,13 @@ class Batches:
     def _on_device(self, part: np.ndarray) -> Tensor:
         """A tensor on the device; a GPU goes on working meanwhile."""
         return moved(torch.from_numpy(np.ascontiguousarray(part)), self._device)
+
+
+def _over(part: np.ndarray) -> Tensor:
+    """A tensor over a file that others write; it is only read, whatever torch warns of."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".*not writable", UserWarning)
+        return torch.from_numpy(part)
 
 
 def moved(part: Tensor, device: torch.device) -> Tensor:

@@ -55,7 +55,7 @@ class Reservoir:
     def __init__(self, folder: Path, capacity: int | None = None) -> None:
         self.folder = folder
         self._state = folder / "state.json"
-        mode = "c" if capacity is None else "r+"  # torch wants what it reads to be writable
+        mode = "r" if capacity is None else "r+"
         if capacity is None:
             capacity = json.loads(self._state.read_text())["capacity"]
         side = SIZE // LABEL_STEP

@@ -16,22 +16,24 @@ from models.coc.batches import Batches
 from models.coc.network import laplace_loss
 from models.coc.run import Recipe, Run
 
-WARM_UP = 3  # steps before the recording, which wants the optimiser's state and chosen kernels
+WARM_UP = 3  # runs before the recording, which wants the optimiser's state and chosen kernels
+ON_DEVICE = {"fused": True, "capturable": True}  # a recorded step cannot ask the CPU
 
 
 class RecordedRun(Run):
-    """Training of the CoC network on a GPU; same weights, clock and checkpoints as `Run`."""
+    """Training of the CoC network on a GPU; schedule and checkpoints are those of `Run`.
 
-    compiled = True
+    Compiling and recording a step, once for each size of the crops, count as no training time. They
+    change no weight, but the optimiser's moments see that batch three times more.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         super().__init__(recipe, "cuda")
-        self._rate = torch.zeros((), device=self.device)
+        self._rate, self._follow = (torch.zeros((), device=self.device) for _ in range(2))
         self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), self._rate, betas=self.BETAS, weight_decay=0.01,
-            fused=True, capturable=True,
-        )  # fmt: skip
-        self._answer = torch.compile(self.network) if self.compiled else self.network
+            self.network.parameters(), self._rate, betas=self.BETAS, weight_decay=0.01, **ON_DEVICE
+        )
+        self._answer = torch.compile(self.network, dynamic=False)
         self._crop = 0
         self._finished: torch.cuda.Event | None = None
 
@@ -40,12 +42,15 @@ class RecordedRun(Run):
         start = time.perf_counter()
         crop = self.recipe.crop_at(self.progress)
         batch = data.draw(self.rng, crop, max(1, self.recipe.pixels // crop**2))
-        self._rate.fill_(self.recipe.rate_at(self.progress, self.step))
         if crop != self._crop:
+            before = time.perf_counter()
             self._record(*batch)
             self._crop = crop
+            start += time.perf_counter() - before
         self._rgb.copy_(batch[0])
         self._coc.copy_(batch[1])
+        self._rate.fill_(self.recipe.rate_at(self.progress, self.step))
+        self._follow.fill_(1 - min(self.EMA_DECAY, (self.step + 1) / (self.step + 10)))
         self._graph.replay()
         if self._finished is not None:
             self._finished.synchronize()  # the clock waits for the GPU, one step behind
@@ -56,22 +61,27 @@ class RecordedRun(Run):
         return self._shown.clone()
 
     def load(self, path: Path) -> None:
-        """Resume from a checkpoint; the rate stays the tensor that the recording reads."""
+        """Resume from a checkpoint, of a `Run` too."""
         super().load(path)
         for group in self.optimiser.param_groups:
-            group["lr"] = self._rate
+            group.update(ON_DEVICE, lr=self._rate)
+        for state in self.optimiser.state.values():
+            state["step"] = state["step"].to(self.device, torch.float32)
+        self._crop = 0  # a recording writes to the state of before
 
     def _record(self, rgb: Tensor, coc: Tensor) -> None:
         """Record a step on batches of this size."""
         self._rgb = rgb.contiguous(memory_format=torch.channels_last).clone()
         self._coc = coc.clone()
+        self._rate.zero_()
+        self._follow.zero_()
         beside = torch.cuda.Stream()
         beside.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(beside):
             for _ in range(WARM_UP):
                 self._descend()
         torch.cuda.current_stream().wait_stream(beside)
-        self.optimiser.zero_grad(set_to_none=True)
+        torch.cuda.synchronize()
         self._graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(self._graph):
             self._shown = self._descend()
@@ -86,5 +96,7 @@ class RecordedRun(Run):
         self.optimiser.step()
         slow, fast = (list(n.parameters()) for n in (self.average, self.network))
         with torch.no_grad():
-            torch._foreach_lerp_(slow, fast, 1 - self.EMA_DECAY)
+            steps = torch._foreach_sub(fast, slow)
+            torch._foreach_mul_(steps, self._follow)
+            torch._foreach_add_(slow, steps)
         return likelihood.detach()

@@ -103,7 +103,8 @@ def draw_layout(rng: Rng) -> tuple[Layout, Float32 | None]:
 def within(place: Float32, side: int) -> Float32:
     """Coordinates on a texture of `side` px that goes on as its mirror image without end.
 
-    OpenCV holds the border's value instead where a coordinate lies more than a side beyond it.
+    Its cubic `remap` holds the border's value instead where a coordinate lies more than a side
+    beyond it.
     """
     turns = np.rint(place * np.float32(0.5 / (side - 1)))
     return np.abs(place - np.float32(2 * (side - 1)) * turns)
@@ -115,7 +116,7 @@ def in_perspective(rng: Rng, layout: Layout, texture: Float32) -> Float32:
     A texture that is magnified is soft without any defocus, and teaches the network to take blur
     for a smooth surface; so the nearest row sees about a texel a pixel, and farther rows
     smaller copies of the texture. Where the view is flat a pixel covers many texels one behind the
-    other; it shows their mean, from up to MOST_TAPS places.
+    other; it shows the mean of up to MOST_TAPS of them.
     """
     size = layout.disparity.shape[0]
     side = texture.shape[0]

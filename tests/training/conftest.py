@@ -30,7 +30,7 @@ def resume(tmp_path):
             )
 
         before = weights()
-        assert np.isfinite([run.advance(data) for _ in range(steps)]).all()
+        assert np.isfinite([float(run.advance(data)) for _ in range(steps)]).all()
         assert (weights() != before).any()
         run.save(tmp_path / "checkpoint.pt")
         fresh.load(tmp_path / "checkpoint.pt")
