@@ -62,7 +62,7 @@ def test_ground_of_fine_grain_is_said_to_leave_the_lens_open(tmp_path, capsys):
     assert "the ground reads about alike at all depths" in said.out + said.err
     assert fit.object_disparity > 0.0
     read_px = fit.slope * fit.object_disparity + fit.intercept
-    assert fit.coc_stderr_px(fit.object_disparity) > 3.0 * abs(read_px) > 0.0
+    assert fit.coc_stderr_px(fit.object_disparity) > abs(read_px) > 0.0
 
 
 @pytest.mark.slow

@@ -149,8 +149,11 @@ def test_grey_plate():
 
 @case
 def test_plate_of_pure_noise():
-    """Noise alone is as sharp as can be, everywhere: so the object is in focus, too."""
-    return _found_lens("pure noise", (0.0, 0.5))
+    """Noise alone is as sharp as can be, everywhere: so the object is in focus, too.
+
+    Below a pixel and a half the network cannot tell blur from the softness of a lens.
+    """
+    return _found_lens("pure noise", (0.0, 1.0))
 
 
 @case
