@@ -18,6 +18,8 @@ import torch
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
+WEIGHT_DECAY = 0.01  # of AdamW
+GRADIENT_NORM = 1.0  # at which gradients are clipped
 Shown = float | Tensor
 """A figure; of a run on a GPU a tensor, which is waited for only where it is shown."""
 
@@ -74,7 +76,7 @@ class TrainingRun(ABC):
         if self.EMA_DECAY is not None:
             self.average = copy.deepcopy(self.network).eval()
         self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), recipe.rate, betas=self.BETAS, weight_decay=0.01
+            self.network.parameters(), recipe.rate, betas=self.BETAS, weight_decay=WEIGHT_DECAY
         )
         self.rng = np.random.default_rng(recipe.seed)
         self.step = 0
@@ -93,6 +95,10 @@ class TrainingRun(ABC):
         """Share of the training time that has passed."""
         return self.trained_s / (60 * self.recipe.minutes)
 
+    def ema_decay_at(self, step: int) -> float:
+        """Decay of the moving average at a step: less at first, when the average is of few [1]."""
+        return min(self.EMA_DECAY or 0.0, (step + 1) / (step + 10))
+
     def advance(self, data: Any) -> Shown:  # noqa: ANN401  as for `loss`
         """One optimiser step; returns the figure for the log."""
         start = time.perf_counter()
@@ -101,10 +107,10 @@ class TrainingRun(ABC):
         loss, shown = self.loss(data)
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), GRADIENT_NORM)
         self.optimiser.step()
         if self.EMA_DECAY is not None:
-            decay = min(self.EMA_DECAY, (self.step + 1) / (self.step + 10))
+            decay = self.ema_decay_at(self.step)
             slow, fast = (list(n.parameters()) for n in (self.average, self.network))
             with torch.no_grad():
                 get_ema_multi_avg_fn(decay)(slow, fast, self.step)

@@ -24,6 +24,11 @@ class Pictures:
     Args:
         folder: the reservoir; it may not exist yet.
         device: that trains.
+
+    Attributes:
+        folder: the reservoir.
+        pictures: uint8 (capacity, SIZE, SIZE, 3), display-coded; empty before the first refresh.
+        labels: CoC [px], float16 (capacity, SIZE / LABEL_STEP, SIZE / LABEL_STEP), likewise.
     """
 
     def __init__(self, folder: Path, device: torch.device) -> None:
@@ -45,7 +50,7 @@ class Pictures:
             self._reservoir = Reservoir(self.folder)
             files = (self._reservoir.pictures, self._reservoir.labels)
             if self._device.type == "cpu":
-                self.pictures, self.labels = (_over(part) for part in files)
+                self.pictures, self.labels = (_read_only(part) for part in files)
             else:
                 self.pictures, self.labels = (
                     torch.empty(part.shape, dtype=kind, device=self._device)
@@ -55,8 +60,8 @@ class Pictures:
         if self._device.type != "cpu":
             for index in range(max(self._taken, drawn - capacity), drawn):
                 at = index % capacity
-                self.pictures[at] = _over(self._reservoir.pictures[at]).to(self._device)
-                self.labels[at] = _over(self._reservoir.labels[at]).to(self._device)
+                self.pictures[at] = _read_only(self._reservoir.pictures[at]).to(self._device)
+                self.labels[at] = _read_only(self._reservoir.labels[at]).to(self._device)
         self._taken = drawn
 
 
@@ -109,7 +114,10 @@ class Batches:
     def _crops(
         self, rng: np.random.Generator, data: Pictures, crop: int, count: int
     ) -> tuple[Tensor, Tensor]:
-        """Crops uint8 (count, crop, crop, 3) and CoC, each in one of eight orientations."""
+        """Crops uint8 (count, crop, crop, 3) and their CoC (count, crop / 4, crop / 4) [px].
+
+        Each in one of eight orientations.
+        """
         places = rng.integers(0, (SIZE - crop) // LABEL_STEP + 1, (2, count))
         flips = rng.integers(2, size=(3, count))
         index = rng.integers(data.count, size=(1, count))
@@ -127,7 +135,7 @@ class Batches:
         return taken[0], taken[1]
 
     def _re_exposed(self, rng: np.random.Generator, rgb: Tensor) -> Tensor:
-        """A gain for each channel and, on a third of the pictures, faint noise."""
+        """RGB (N, 3, h, w) in and out: a gain for each channel; on a third faint noise too."""
         count = len(rgb)
         gain = np.exp(rng.normal(0, GAIN_DEVIATION, (count, 3, 1, 1)))
         level = np.maximum(0, rng.normal(-0.5, 1, (count, 1, 1, 1))) / 255
@@ -141,7 +149,7 @@ class Batches:
         return moved(torch.from_numpy(np.ascontiguousarray(part)), self._device)
 
 
-def _over(part: np.ndarray) -> Tensor:
+def _read_only(part: np.ndarray) -> Tensor:
     """A tensor over a file that others write; it is only read, whatever torch warns of."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", ".*not writable", UserWarning)

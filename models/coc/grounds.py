@@ -139,6 +139,7 @@ def soft_pattern(rng: Rng, size: int) -> Float32:
 
 
 SOFTENED = (stripes, dead_leaves, glyphs, gravel, terrazzo, blotches, blotches)
+"""What `soft_pattern` softens, each as often as it stands here."""
 
 
 def smooth_wood(rng: Rng, size: int) -> Float32:

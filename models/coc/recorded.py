@@ -15,6 +15,7 @@ from torch import Tensor
 from models.coc.batches import Batches
 from models.coc.network import laplace_loss
 from models.coc.run import Recipe, Run
+from models.training import GRADIENT_NORM, WEIGHT_DECAY
 
 WARM_UP = 3  # runs before the recording, which wants the optimiser's state and chosen kernels
 ON_DEVICE = {"fused": True, "capturable": True}  # a recorded step cannot ask the CPU
@@ -31,14 +32,15 @@ class RecordedRun(Run):
         super().__init__(recipe, "cuda")
         self._rate, self._follow = (torch.zeros((), device=self.device) for _ in range(2))
         self.optimiser = torch.optim.AdamW(
-            self.network.parameters(), self._rate, betas=self.BETAS, weight_decay=0.01, **ON_DEVICE
-        )
+            self.network.parameters(), self._rate, betas=self.BETAS, weight_decay=WEIGHT_DECAY,
+            **ON_DEVICE,
+        )  # fmt: skip
         self._answer = torch.compile(self.network, dynamic=False)
         self._crop = 0
         self._finished: torch.cuda.Event | None = None
 
     def advance(self, data: Batches) -> Tensor:
-        """One optimiser step; returns the figure for the log."""
+        """One optimiser step; returns the batch's negative log-likelihood, on the GPU."""
         start = time.perf_counter()
         crop = self.recipe.crop_at(self.progress)
         batch = data.draw(self.rng, crop, max(1, self.recipe.pixels // crop**2))
@@ -50,7 +52,7 @@ class RecordedRun(Run):
         self._rgb.copy_(batch[0])
         self._coc.copy_(batch[1])
         self._rate.fill_(self.recipe.rate_at(self.progress, self.step))
-        self._follow.fill_(1 - min(self.EMA_DECAY, (self.step + 1) / (self.step + 10)))
+        self._follow.fill_(1 - self.ema_decay_at(self.step))
         self._graph.replay()
         if self._finished is not None:
             self._finished.synchronize()  # the clock waits for the GPU, one step behind
@@ -87,12 +89,13 @@ class RecordedRun(Run):
             self._shown = self._descend()
 
     def _descend(self) -> Tensor:
+        """A step on the batch in place: loss, gradients, weights and their average."""
         self.optimiser.zero_grad(set_to_none=True)
         with torch.autocast("cuda", dtype=torch.bfloat16, cache_enabled=False):
             answer = self._answer(self._rgb)
         loss, likelihood = laplace_loss(answer, self._coc, self.recipe.beta)
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), GRADIENT_NORM)
         self.optimiser.step()
         slow, fast = (list(n.parameters()) for n in (self.average, self.network))
         with torch.no_grad():

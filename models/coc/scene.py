@@ -103,8 +103,8 @@ def draw_layout(rng: Rng) -> tuple[Layout, Float32 | None]:
 def within(place: Float32, side: int) -> Float32:
     """Coordinates on a texture of `side` px that goes on as its mirror image without end.
 
-    Its cubic `remap` holds the border's value instead where a coordinate lies more than a side
-    beyond it.
+    OpenCV's cubic `remap` holds the border's value instead where a coordinate lies more than a side
+    beyond it. Coordinates [px] of any shape, in and out.
     """
     turns = np.rint(place * np.float32(0.5 / (side - 1)))
     return np.abs(place - np.float32(2 * (side - 1)) * turns)

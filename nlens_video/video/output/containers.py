@@ -45,6 +45,7 @@ _OPTIONS = {
     "dnxhd": {"profile": "dnxhr_hq"},
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
 }
+"""Of an encoder in a trial; what a container holds does not depend on the preset."""
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders whose alpha is a second stream, which only Matroska can store."""
 _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
