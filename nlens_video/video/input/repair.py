@@ -58,13 +58,20 @@ class SourceClock:
         if pts is None:
             self.repaired += 1
             return following
-        if self._is_leap(pts + self._shift):
+        if self._fits_unshifted(pts):
+            self._shift = 0
+        elif self._is_leap(pts + self._shift):
             # one wrong time stamp, or an offset of all that follow, until unshifted ones fit again
-            self._shift = 0 if not self._is_leap(pts) else following - pts
+            self._shift = following - pts
             self.repaired += 1
-        elif pts + self._shift <= self._last:
-            self.repaired += 1
+        self.repaired += pts + self._shift <= self._last
         return max(pts + self._shift, self._last + 1)
+
+    def _fits_unshifted(self, pts: int) -> bool:
+        """Whether a time stamp follows the last frame better as it is than shifted."""
+        following = self._last + self._step
+        shifted = abs(pts + self._shift - following)
+        return not self._is_leap(pts) and abs(pts - following) <= shifted
 
     def _is_leap(self, pts: int) -> bool:
         """Whether a time stamp is implausibly far from the last frame's."""
@@ -76,9 +83,12 @@ class SourceClock:
 
     def missing_before(self, pts: int) -> int:
         """Number of frames that fit between the last frame and `pts`; call before `tick` [1]."""
-        if self._first is None or self._is_leap(pts + self._shift):
+        if self._first is None:
             return 0
-        return max(0, round((pts + self._shift - self._last) / self._step) - 1)
+        shifted = pts if self._fits_unshifted(pts) else pts + self._shift
+        if self._is_leap(shifted):
+            return 0
+        return max(0, round((shifted - self._last) / self._step) - 1)
 
     def seconds(self, pts: int) -> float:
         """Time since the first frame [s]."""

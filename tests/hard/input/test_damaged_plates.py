@@ -1,5 +1,6 @@
 """Plates that are damaged on the way: the good frames stay, at their times, and are reported."""
 
+import itertools
 import random
 from fractions import Fraction
 
@@ -76,9 +77,10 @@ def test_corrupted_packets_do_not_shift_the_times_of_others(tmp_path, codec, amo
     usual = {round(float(time_s), 3) for time_s in read_times(given)}
     assert len(frames) >= FRAMES // 2
     # a decoder may give a picture twice; the second follows at once, which is said
-    odd = {round(time_s, 3) for time_s, _ in frames} - usual
-    assert len(odd) <= 2
-    assert len(plate.warnings()) == bool(odd)
+    times = [round(time_s, 3) for time_s, _ in frames]
+    follows = [later for earlier, later in itertools.pairwise(times) if later - earlier < 0.0015]
+    assert set(times) <= usual | set(follows)
+    assert plate.warnings() or not follows
 
 
 def test_lost_pictures_leave_a_gap_in_times_and_numbers(tmp_path):
@@ -193,8 +195,20 @@ def clock(length_s=None):
         ([0, 40, 80, 0 - 5000, 40 - 5000], [0, 40, 80, 120, 160]),
         ([None, None, 80], [0, 40, 80]),
         ([0, 40, 60_000, 60_040], [0, 40, 60_000, 60_040]),
+        ([1400, 1440, 1480, 200, 1520, 1560, 1600], [1400, 1440, 1480, 1520, 1521, 1560, 1600]),
+        ([1400, 1440, 0, 1480, 40, 1520, 1560], [1400, 1440, 1480, 1481, 1521, 1522, 1560]),
     ],
-    ids=["missing", "the same", "far ahead", "far back", "anew", "missing first", "a pause"],
+    ids=[
+        "missing",
+        "the same",
+        "far ahead",
+        "far back",
+        "anew",
+        "missing first",
+        "a pause",
+        "an earlier one again",
+        "two earlier ones again",
+    ],
 )
 def test_invalid_timestamps_are_repaired_in_place(stamps, times):
     assert list(map(clock().tick, stamps)) == times
@@ -203,7 +217,7 @@ def test_invalid_timestamps_are_repaired_in_place(stamps, times):
 def test_timestamp_far_beyond_the_stated_duration_is_ignored():
     ticking = clock(length_s=2.0)
     assert [ticking.tick(pts) for pts in (0, 40, 600_000, 120)] == [0, 40, 80, 120]
-    assert ticking.repaired == 2
+    assert ticking.repaired == 1
 
 
 stamps = st.lists(st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1), st.integers(0, 4000)))
