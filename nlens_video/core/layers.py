@@ -5,6 +5,7 @@ Conventions: `docs/architecture.md`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -48,6 +49,15 @@ class Picture(Protocol):
 
     def linear(self, box: Box) -> Float32:
         """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
+        ...
+
+    def patches(self, corners: Sequence[tuple[int, int]], side: int) -> Float32:
+        """Scene-linear RGB (N, side, side, 3) of squares that lie inside the frame.
+
+        Args:
+            corners: column and row of the top left pixel of each [px].
+            side: columns and rows [px].
+        """
         ...
 
     def downsample(self, width: int, height: int) -> Float32:

@@ -18,7 +18,7 @@ from functools import cache
 
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, Float64, Picture
+from nlens_video.core.layers import Float32, Float64, Picture
 from nlens_video.core.lens_fit import IN_FOCUS_PX, LensFit
 
 CHANGED = 0.1
@@ -70,13 +70,12 @@ def signature(picture: Picture) -> Signature:
     """Signature of a frame."""
     side = int(min(max(_PATCH_SHARE * picture.width, _SMALLEST_PX), _LARGEST_PX))
     side = min(side, picture.width, picture.height)
-    patches = np.empty((_ROWS * _COLUMNS, side, side), np.float32)
-    for at in range(_ROWS * _COLUMNS):
-        row, column = divmod(at, _COLUMNS)
-        y = (picture.height - side) * (2 * row + 1) // (2 * _ROWS)
-        x = (picture.width - side) * (2 * column + 1) // (2 * _COLUMNS)
-        patches[at] = picture.linear(Box(x, y, x + side, y + side))[..., 1]
-    root = np.sqrt(np.maximum(patches, 0.0))
+    corners = [
+        ((picture.width - side) * (2 * column + 1) // (2 * _COLUMNS),
+         (picture.height - side) * (2 * row + 1) // (2 * _ROWS))
+        for row in range(_ROWS) for column in range(_COLUMNS)
+    ]  # fmt: skip
+    root = np.sqrt(np.maximum(picture.patches(corners, side)[..., 1], 0.0))
     grid = (_ROWS, _COLUMNS)
     return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(1, 2)).reshape(grid))
 

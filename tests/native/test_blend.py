@@ -59,3 +59,15 @@ def test_a_layer_over_samples_is_the_same_at_every_level(pixel_format, monkeypat
         return [np.array(plane) for plane in samples.planes]
 
     assert_same_bits(composited)
+
+
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv411p", "yuv420p10le", "rgba", "gbrpf32le"])
+def test_the_light_of_samples_is_the_same_at_every_level(pixel_format, monkeypatch):
+    def decoded(module):
+        monkeypatch.setattr(blend, "kernels", module)
+        samples = noise(pixel_format)
+        corners = [(box.x0, box.y0) for box in BOXES]
+        return [*(blend.linear(samples, box) for box in BOXES), blend.srgb(samples, BOXES[0]),
+                blend.patches(samples, corners, 1), blend.downsample(samples, 50, 4)]  # fmt: skip
+
+    assert_same_bits(decoded)

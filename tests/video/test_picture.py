@@ -182,6 +182,15 @@ def test_full_range_chroma_is_sited_left_in_video_and_centred_in_jpeg(
     )
 
 
+def test_patches_are_the_light_of_their_boxes():
+    picture = AvPicture(noise_frame(37, 27, "yuv420p"), rotation=90)
+    corners = [(0, 0), (27 - 9, 37 - 9), (3, 8)]
+    boxes = [Box(x, y, x + 9, y + 9) for x, y in corners]
+    np.testing.assert_array_equal(picture.patches(corners, 9), list(map(picture.linear, boxes)))
+    with pytest.raises(ValueError, match="does not lie inside the frame of 27x37"):
+        picture.patches([*corners, (19, 0)], 9)
+
+
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "gbrp", "rgba", "gray"])
 def test_opaque_layer_replaces_the_plate(pixel_format):
     picture = AvPicture(noise_frame(32, 24, pixel_format))

@@ -11,6 +11,12 @@ namespace {
 
 constexpr int kSide = 3;  // samples across and down of a mean; with 2, pans are measured half as precisely
 
+// Pixels of three components from a row of each.
+void interleave(float* const* rows, float* __restrict pixels, int count) {
+    const float *a = rows[0], *b = rows[1], *c = rows[2];
+    for (int j = 0; j < count; ++j) pixels[3 * j] = a[j], pixels[3 * j + 1] = b[j], pixels[3 * j + 2] = c[j];
+}
+
 // `display` is a table from light to codes, or empty.
 template <class Sample>
 void linear(Planes<const Sample> planes, std::tuple<Axis, Axis> axes, Pair corner, Matrix rgb_from_codes,
@@ -18,30 +24,33 @@ void linear(Planes<const Sample> planes, std::tuple<Axis, Axis> axes, Pair corne
             Array<float, 3> out) {
     const auto& [first, second, third] = planes;
     const auto& [across, down] = axes;
-    const int width = out.shape[1];
+    const int width = out.shape[1], left = std::get<1>(corner), coarse_left = across.of(left);
     const bool coded = display.shape[0] > 0, same_primaries = is_identity(to_bt709);
     std::vector<int> columns(width);
-    for (int j = 0; j < width; ++j) columns[j] = across.of(std::get<1>(corner) + j);
-    std::vector<float> scratch(3 * static_cast<std::size_t>(width));
+    for (int j = 0; j < width; ++j) columns[j] = across.of(left + j) - coarse_left;
+    const int coarse_width = width > 0 ? columns.back() + 1 : 0;
+    std::vector<float> scratch(4 * static_cast<std::size_t>(width));
     float* const rows[3] = {scratch.data(), scratch.data() + width, scratch.data() + 2 * width};
+    float* const coarse = scratch.data() + 3 * width;
+    const auto load_coarse = [&](Plane<const Sample> plane, int row, float* values) {
+        load_samples(plane, row, coarse_left, coarse, coarse_width);
+        for (int j = 0; j < width; ++j) values[j] = coarse[columns[j]];
+    };
     for (int i = 0; i < out.shape[0]; ++i) {
         const int y = std::get<0>(corner) + i, row = down.of(y);
-        for (int j = 0; j < width; ++j) {
-            rows[0][j] = static_cast<float>(first(y, std::get<1>(corner) + j));
-            rows[1][j] = static_cast<float>(second(row, columns[j]));
-            rows[2][j] = static_cast<float>(third(row, columns[j]));
-        }
+        load_samples(first, y, left, rows[0], width);
+        load_coarse(second, row, rows[1]);
+        load_coarse(third, row, rows[2]);
         apply_rows(rgb_from_codes, rows, width);
         for (float* values : rows) look_up_row(to_linear, values, width);
         if (!same_primaries) apply_rows(to_bt709, rows, width);
-        float* to = out.at(i);
-        for (int k = 0; k < 3; ++k) {
-            if (coded) {
-                for (int j = 0; j < width; ++j) rows[k][j] = std::min(std::max(rows[k][j], 0.0f), 1.0f);
-                look_up_row(display, rows[k], width);
+        if (coded) {
+            for (float* values : rows) {
+                for (int j = 0; j < width; ++j) values[j] = std::min(std::max(values[j], 0.0f), 1.0f);
+                look_up_row(display, values, width);
             }
-            for (int j = 0; j < width; ++j) to[3 * j + k] = rows[k][j];
         }
+        interleave(rows, out.at(i), width);
     }
 }
 
@@ -52,42 +61,54 @@ std::vector<int> middles(int count, int length) {
     return places;
 }
 
-// The mean of the nine samples of each of `count` cells of a row of cells.
+// Takes the mean of the nine samples of each cell of a row of cells.
 template <class Sample>
-void take_means(Plane<const Sample> plane, const int* rows, const int* columns, float* means, int count) {
-    std::fill_n(means, count, 0.0f);
-    for (int p = 0; p < kSide; ++p) {
-        const Sample* row = plane.at(rows[p]);
-        for (int q = 0; q < kSide; ++q) {
-            for (int j = 0; j < count; ++j)
-                means[j] += static_cast<float>(row[columns[kSide * j + q] * plane.strides[1]]);
+class CellMeans {
+public:
+    // `rows`, `columns`: of cells.
+    CellMeans(Plane<const Sample> plane, int rows, int columns)
+        : plane_(plane),
+          rows_(middles(kSide * rows, plane.shape[0])),
+          columns_(middles(kSide * columns, plane.shape[1])),
+          row_(plane.shape[1]),
+          sum_(plane.shape[1]) {}
+
+    void take(int row, float* __restrict means, int count) {
+        const int width = plane_.shape[1];
+        const int *from = rows_.data() + kSide * row, *columns = columns_.data();
+        load_samples(plane_, from[0], 0, sum_.data(), width);
+        for (int p = 1; p < kSide; ++p) {
+            load_samples(plane_, from[p], 0, row_.data(), width);
+            for (int x = 0; x < width; ++x) sum_[x] += row_[x];
+        }
+        for (int j = 0; j < count; ++j) {
+            float sum = 0.0f;
+            for (int q = 0; q < kSide; ++q) sum += sum_[columns[kSide * j + q]];
+            means[j] = sum / static_cast<float>(kSide * kSide);
         }
     }
-    for (int j = 0; j < count; ++j) means[j] /= static_cast<float>(kSide * kSide);
-}
+
+private:
+    Plane<const Sample> plane_;
+    std::vector<int> rows_, columns_;
+    std::vector<float> row_, sum_;
+};
 
 template <class Sample>
 void downsample(Planes<const Sample> planes, Matrix rgb_from_codes, Array<const float, 1> to_linear,
                 Matrix to_bt709, Array<float, 3> out) {
     const auto& [first, second, third] = planes;
-    const int count = out.shape[1], height = kSide * out.shape[0], width = kSide * count;
-    const auto rows = middles(height, first.shape[0]), columns = middles(width, first.shape[1]);
-    const auto coarse_rows = middles(height, second.shape[0]),
-               coarse_columns = middles(width, second.shape[1]);
+    const int count = out.shape[1];
+    CellMeans<Sample> cells[] = {
+        {first, out.shape[0], count}, {second, out.shape[0], count}, {third, out.shape[0], count}};
     std::vector<float> scratch(3 * static_cast<std::size_t>(count));
     float* const light[3] = {scratch.data(), scratch.data() + count, scratch.data() + 2 * count};
     for (int i = 0; i < out.shape[0]; ++i) {
-        const int p = kSide * i;
-        take_means(first, &rows[p], columns.data(), light[0], count);
-        take_means(second, &coarse_rows[p], coarse_columns.data(), light[1], count);
-        take_means(third, &coarse_rows[p], coarse_columns.data(), light[2], count);
+        for (int k = 0; k < 3; ++k) cells[k].take(i, light[k], count);
         apply_rows(rgb_from_codes, light, count);
         for (float* row : light) look_up_row(to_linear, row, count);
         apply_rows(to_bt709, light, count);
-        float* to = out.at(i);
-        for (int k = 0; k < 3; ++k) {
-            for (int j = 0; j < count; ++j) to[3 * j + k] = light[k][j];
-        }
+        interleave(light, out.at(i), count);
     }
 }
 

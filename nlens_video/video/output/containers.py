@@ -44,6 +44,7 @@ _OPTIONS = {
     "libx265": {"preset": "ultrafast", "x265-params": "log-level=none"},
     "dnxhd": {"profile": "dnxhr_hq"},
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
+    "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8"},
 }
 """Of an encoder in a trial; what a container holds does not depend on the preset."""
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -14,30 +15,51 @@ from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
 
+_AS_LIGHT = np.empty(0, np.float32)  # a table from light to codes, in place of one
+
 
 @lru_cache(maxsize=64)
 def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
     return axis.step, axis.phase, axis.first, np.array(axis.weights, np.float32)
 
 
-def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
+def _decoder(samples: Samples, to_display: Float32) -> Callable[[int, int, Float32], None]:
+    """Decodes the pixels from a column and row on into an array (h, w, 3)."""
     maps = tables(samples.coding)
-    out = np.empty((box.height, box.width, 3), np.float32)
     axes = _axis(samples.across), _axis(samples.down)
 
-    def decode(band: Band) -> None:
+    def decode(x: int, y: int, out: Float32) -> None:
         kernels.linear(
-            samples.planes, axes, (box.y0 + band[0], box.x0),
-            maps.rgb_from_codes, maps.to_linear, maps.to_bt709, to_display, out[slice(*band)],
+            samples.planes, axes, (y, x), maps.rgb_from_codes, maps.to_linear, maps.to_bt709,
+            to_display, out,
         )  # fmt: skip
 
-    parallel_for(decode, picture_bands(box.height, box.width))
+    return decode
+
+
+def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
+    decode = _decoder(samples, to_display)
+    out = np.empty((box.height, box.width, 3), np.float32)
+
+    def decode_band(band: Band) -> None:
+        decode(box.x0, box.y0 + band[0], out[slice(*band)])
+
+    parallel_for(decode_band, picture_bands(box.height, box.width))
     return out
 
 
 def linear(samples: Samples, box: Box) -> Float32:
     """Scene-linear BT.709 RGB (h, w, 3) of a box inside the frame."""
-    return _decoded(samples, box, np.empty(0, np.float32))
+    return _decoded(samples, box, _AS_LIGHT)
+
+
+def patches(samples: Samples, corners: Sequence[tuple[int, int]], side: int) -> Float32:
+    """Scene-linear BT.709 RGB (N, side, side, 3) of squares whose top left pixels are given."""
+    decode = _decoder(samples, _AS_LIGHT)
+    out = np.empty((len(corners), side, side, 3), np.float32)
+    for (x, y), patch in zip(corners, out, strict=True):
+        decode(x, y, patch)
+    return out
 
 
 def downsample(samples: Samples, width: int, height: int) -> Float32:
