@@ -115,13 +115,13 @@ class PlatePreview:
         pictures: reads them, perhaps only one; called where an effect is measured on them.
         first: number of the frame that the time of measuring is counted to [1].
         again: reads all frames of the shot, None where it can be read only once.
-        survey: of what moves, None where the shot was not looked at yet.
+        survey: waits for what was seen of what moves, None where the shot was not looked at.
     """
 
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
     again: ReadAgain | None = None
-    survey: StillSurvey | None = None
+    survey: Callable[[], StillSurvey | None] = lambda: None
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None
     _aperture: tuple[ApertureReading | None] | None = None

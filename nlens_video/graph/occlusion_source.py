@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
@@ -17,7 +19,8 @@ from nlens_video.scene.scene_light import SceneLight
 
 def open_occlusion_source(
     objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
-    again: ReadAgain | None, seen: StillSurvey | None, light: SceneLight, *, asked_for: bool,
+    again: ReadAgain | None, seen: Callable[[], StillSurvey | None], light: SceneLight, *,
+    asked_for: bool,
 ) -> tuple[OcclusionSource | None, Finding | None]:  # fmt: skip
     """The matte or depth file, what moves in the shot, or the plate's CoC.
 
@@ -27,7 +30,7 @@ def open_occlusion_source(
         view: how the plate's frames see it.
         estimate: F.
         again: reads the shot, None where it can be read only once or occlusion is not wanted.
-        seen: as of `find_moving_foreground`.
+        seen: waits for what is as of `find_moving_foreground`.
         light: likewise.
         asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
 
@@ -55,7 +58,7 @@ def open_occlusion_source(
             moving, finding = read_foreground(real.found)
         else:
             moving, finding = find_moving_foreground(
-                again, scene, view, objects.ground_y, seen, light
+                again, scene, view, objects.ground_y, seen(), light
             )
         if moving is not None and finding.wanted:
             return OcclusionSource(

@@ -16,7 +16,7 @@ from nlens_video.core import signals
 from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
 from nlens_video.effects.foreground.still_survey import StillSurvey
-from nlens_video.effects.planner import EffectRequest
+from nlens_video.effects.planner import OCCLUSION, EffectRequest
 from nlens_video.graph.scheduler import begin_in_thread, run_workers
 from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
@@ -31,8 +31,9 @@ class FirstLook:
     """What one quick pass over a file has told.
 
     Attributes:
-        lens_rests: whether the lens stays as it is on the first frame.
-        survey: of what moves, as a still camera would see it; None where only a part was read.
+        lens_rests: whether the lens stays as it is on the first frame, as far as a run asks.
+        survey: of what moves, as a still camera would see it; None where a run does not ask, or
+            only a part was read.
     """
 
     lens_rests: bool
@@ -47,6 +48,25 @@ def follows_lens(settings: Settings) -> bool:
         and len(EffectRequest.parse(settings.effects).possible) > 0
         and not settings.source.one_frame  # the run fits the lens on that frame
         and can_be_read_again(settings.source.spec)
+    )
+
+
+def _asks_what_moves(settings: Settings) -> bool:
+    """Whether a run looks for what moves in front of the object, in the whole of a file.
+
+    The view of a camera that moves is read when its path is known; it is of use here only where the
+    lens is watched anyway.
+    """
+    real = settings.scene.real
+    return (
+        settings.output is not None
+        and real.occlusion != "none"
+        and real.holdout is None
+        and real.found is None
+        and settings.source.frames[1] is None
+        and OCCLUSION in EffectRequest.parse(settings.effects).possible
+        and can_be_read_again(settings.source.spec)
+        and (settings.scene.camera_from is None or follows_lens(settings))
     )
 
 
@@ -68,19 +88,20 @@ def begun_look(settings: Settings) -> Iterator[Callable[[], FirstLook | None]]:
 
 
 def first_look(settings: Settings, left: Event | None = None) -> FirstLook | None:
-    """Look at a file whose lens may change.
+    """Look at a file whose lens may change, or in which something may move past the object.
 
     Args:
         settings: the run.
         left: set as soon as nobody waits for the look any more.
 
     Returns:
-        What was seen; None where a run does not ask, or for another reason than the lens.
+        What was seen; None where a run asks for neither, or gives the frames between two fits.
 
     Raises:
         NlensError: as `run.render`.
     """
-    if not follows_lens(settings) or isinstance(settings.track_focus, int):
+    watches_lens, surveys = follows_lens(settings), _asks_what_moves(settings)
+    if not (watches_lens or surveys) or isinstance(settings.track_focus, int):
         return None
     with opened(settings.source) as source:
         info = source.info
@@ -89,18 +110,19 @@ def first_look(settings: Settings, left: Event | None = None) -> FirstLook | Non
         end = settings.source.frames[1]
         if end is None and isinstance(source, AvSource):
             source.leave_out_unreferenced()
-        lens = _LensWatch(frame_s(info) or 1 / 25)
-        survey = StillSurvey((info.width, info.height)) if end is None else None
+        lens = _LensWatch(frame_s(info) or 1 / 25) if watches_lens else None
+        survey = StillSurvey((info.width, info.height)) if surveys else None
         frames = takewhile(lambda frame: end is None or frame.index < end, source)
         with closing(run_workers(frames, ())) as decoded:
             for frame in decoded:
                 signals.check()
                 if left is not None and left.is_set():
                     return None
-                lens.see(frame.time_s, frame.picture)
+                if lens is not None:
+                    lens.see(frame.time_s, frame.picture)
                 if survey is not None:
                     survey.see(frame)
-    return FirstLook(lens.rests(), survey)
+    return FirstLook(lens is None or lens.rests(), survey)
 
 
 class _LensWatch:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import takewhile
@@ -51,12 +51,12 @@ class ShotPasses:
     Attributes:
         track: the lens over the length of the file, where it changes.
         others: samples of other frames for the lens fit.
-        survey: of what moves in the shot, None where nobody looked.
+        survey: waits for what was seen of what moves in the shot, None where nobody looked.
     """
 
     track: FitTrack | None = None
     others: tuple[FitSamples, ...] = ()
-    survey: StillSurvey | None = None
+    survey: Callable[[], StillSurvey | None] = lambda: None
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,9 +17,10 @@ from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.settings import Settings
+from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.run.first_look import FirstLook, first_look
+from nlens_video.run.first_look import FirstLook, first_look, follows_lens
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import ShotPasses, open_run
 from nlens_video.stages.r_samples import FitSamples
@@ -41,10 +42,17 @@ def passes(settings: Settings, begun: Callable[[], FirstLook | None] | None = No
     Raises:
         NlensError: as `run.render`.
     """
-    look = first_look(settings) if begun is None else begun()
-    track = lens_track_pass(settings, look)
+    look, track = begun, None
+    if follows_lens(settings):
+        seen = first_look(settings) if begun is None else begun()
+        look, track = (lambda: seen), lens_track_pass(settings, seen)
     others = samples_of_other_frames(settings) if track is None else ()
-    return ShotPasses(track, others, None if look is None else look.survey)
+    return ShotPasses(track, others, lambda: _survey(look))
+
+
+def _survey(look: Callable[[], FirstLook | None] | None) -> StillSurvey | None:
+    seen = None if look is None else look()
+    return None if seen is None else seen.survey
 
 
 def samples_of_other_frames(settings: Settings) -> tuple[FitSamples, ...]:

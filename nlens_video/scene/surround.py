@@ -27,6 +27,7 @@ SOFT = 0.4
 # The wider the lobe, the fewer tell all of it.
 _FILTERED = ((40, 96), (36, 64), (28, 48))
 _MIRROR_COLUMNS = 256
+_AT_ONCE = 1 << 16  # products of directions that stay in a processor's cache
 _LEAST_ALPHA = 0.002
 
 
@@ -102,14 +103,19 @@ class Surround:
         solid = np.repeat(np.cos(up), columns, axis=1).reshape(-1)
         light = np.concatenate([small.reshape(-1, 3), np.ones((rows * columns, 1))], axis=1)
         weighted = np.asarray(light * solid[:, None], dtype=np.float32)
-        squared = np.float32(max(roughness * roughness, _LEAST_ALPHA) ** 2 - 1.0)
+        half = np.float32(0.5 * (max(roughness * roughness, _LEAST_ALPHA) ** 2 - 1.0))
+        sources = np.asarray(sources, dtype=np.float32)
         targets = _texels(side).reshape(-1, 3).astype(np.float32)
         parts = []
-        for some in np.array_split(targets, max(1, len(targets) * len(solid) >> 20)):
-            cosine = np.maximum(some @ sources.astype(np.float32), 0.0)
+        for some in np.array_split(targets, max(1, len(targets) * len(solid) // _AT_ONCE)):
+            cosine = some @ sources
+            np.maximum(cosine, 0.0, out=cosine)
             # Trowbridge and Reitz's microfacets; the one that mirrors halves the angle
-            spread = (0.5 + 0.5 * cosine) * squared + np.float32(1.0)
-            parts.append((cosine / (spread * spread)) @ weighted)
+            spread = cosine * half
+            spread += half + np.float32(1.0)
+            spread *= spread
+            cosine /= spread
+            parts.append(cosine @ weighted)
         found = np.concatenate(parts)
         mean = found[:, :3] / np.maximum(found[:, 3:], np.float32(1e-20))
         return np.ascontiguousarray(mean.reshape(side + 2, side + 2, 3), dtype=np.float32)

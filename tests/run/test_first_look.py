@@ -129,14 +129,29 @@ def test_a_fault_of_a_look_is_raised_where_it_is_waited_for(tmp_path):
 
 @pytest.mark.parametrize(
     "more",
-    [("--track-focus", "off"), ("--track-focus", "3"), ("--effects", "none"), ("--frame", "0")],
-)
-def test_nothing_is_looked_at_where_the_lens_is_not_asked_for(clip, more):
+    [("--track-focus", "off", "--occlusion", "none"), ("--track-focus", "3"),
+     ("--effects", "none"), ("--frame", "0")],
+)  # fmt: skip
+def test_nothing_is_looked_at_where_neither_lens_nor_what_moves_is_asked_for(clip, more):
     folder = clip([1.0] * 3)
     out = ["--frame", "0"] if "--frame" in more else []
     words = [str(folder / "in.mp4"), str(folder / "anim.glb")]
     words.append(str(folder / ("out.png" if out else "out.mp4")))
     assert first_look(settings(parse([*words, *more]))) is None
+
+
+def test_with_a_known_lens_only_what_moves_is_surveyed(clip, monkeypatch):
+    folder = clip([1.0] * 12)
+    monkeypatch.setattr(module, "signature", lambda picture: pytest.fail("the lens is watched"))
+    shots.fit_json(folder / "fit.json")
+    look = first_look(asked(folder, "--fit", str(folder / "fit.json")))
+    assert len(look.survey.times) > 1
+
+
+def test_what_moves_is_not_surveyed_where_it_is_known(clip):
+    look = first_look(asked(clip([1.0] * 12), "--occlusion", "none"))
+    assert look.lens_rests
+    assert look.survey is None
 
 
 def test_of_a_range_only_its_frames_are_read_and_no_survey_is_kept(clip):
