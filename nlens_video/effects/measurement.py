@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 
 from nlens_video import effects
-from nlens_video.core.color import transfer
-from nlens_video.core.layers import Box, Float32, Picture
+from nlens_video.core.layers import Float32, Picture
 from nlens_video.core.optics import Distortion, LensOverrides, Vignetting
+from nlens_video.effects.plate_pictures import PlatePictures
 from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.stages.f_coc import LUMA
 
@@ -50,7 +50,6 @@ PLATE_EFFECTS: Mapping[str, str] = {
 """Effect to the module whose `measure(pictures)` detects it."""
 
 MOST_PICTURES = 8  # of a shot that are measured, the first one included
-_MOST_COLUMNS, _MOST_ROWS = 1280, 720
 _LEAST_BENT = 0.3  # shift of a corner that is visible [% of its distance from the middle]
 _LEAST_MOVE_PX = 8.0
 _LEAST_RESPONSE = 0.05  # of the phase correlation: less is no common motion
@@ -92,13 +91,17 @@ class Measurement:
 def measure_plate(effects: Container[str], pictures: Sequence[Picture]) -> dict[str, Measurement]:
     """Measure some of `PLATE_EFFECTS` on a shot's first pictures, if any; several at once."""
     chosen = [effect for effect in PLATE_EFFECTS if effect in effects and pictures]
+    if not chosen:
+        return {}
+    plate = PlatePictures(pictures)
     found: dict[str, Measurement] = {}
 
     def measure(effect: str) -> None:
         module = import_module(PLATE_EFFECTS[effect])
-        found[effect] = cast("Callable[[Sequence[Picture]], Measurement]", module.measure)(pictures)
+        found[effect] = cast("Callable[[Sequence[Picture]], Measurement]", module.measure)(plate)
 
-    parallel_for(measure, reversed(chosen))  # grain takes longest
+    # grain takes longest, and softness would wait for pictures that grain decodes
+    parallel_for(measure, sorted(chosen, key=lambda one: (one != "grain", one == "softness")))
     return {effect: found[effect] for effect in chosen}
 
 
@@ -146,20 +149,6 @@ def _given(effect: str, value: float, unit: str, model: object | None) -> Measur
     )
 
 
-def middle_codes(picture: Picture) -> Float32:
-    """Display-coded sRGB of a picture, of its middle where it is large (H, W, 3).
-
-    Noise and sharpness are measured at full size, but need not be measured everywhere.
-    """
-    width, height = min(picture.width, _MOST_COLUMNS), min(picture.height, _MOST_ROWS)
-    if (width, height) == (picture.width, picture.height):
-        return picture.srgb()
-    left, top = (picture.width - width) // 2, (picture.height - height) // 2
-    linear = picture.linear(Box(left, top, left + width, top + height))
-    clipped = np.clip(linear, 0.0, 1.0).astype(np.float64)
-    return transfer("iec61966-2-1").to_coded(clipped).astype(np.float32)
-
-
 def shutter_angle(pictures: Sequence[Picture]) -> float | None:
     """Shutter angle of a shot, from its first three pictures [deg].
 
@@ -167,11 +156,13 @@ def shutter_angle(pictures: Sequence[Picture]) -> float | None:
     """
     if len(pictures) < 3:
         return None
-    first, second, third = (
-        np.asarray(picture.srgb() @ LUMA, np.float32) for picture in pictures[:3]
-    )
-    move, again = _common_move(first, second), _common_move(second, third)
-    if move is None or again is None or math.dist(move, again) > _STEADY * math.hypot(*move):
+    first, second = (_luma(picture) for picture in pictures[:2])
+    move = _common_move(first, second)
+    if move is None:
+        return None
+    third = _luma(pictures[2])
+    again = _common_move(second, third)
+    if again is None or math.dist(move, again) > _STEADY * math.hypot(*move):
         return None
     along = [_along_rows(luma, move) for luma in (first, second, third)]
     ways = (math.hypot(*move), math.hypot(*again))
@@ -182,6 +173,10 @@ def shutter_angle(pictures: Sequence[Picture]) -> float | None:
         return None
     # the second picture lies in the middle of both motions
     return min(360.0, 360.0 * blur / (0.5 * sum(ways)))
+
+
+def _luma(picture: Picture) -> Float32:
+    return np.asarray(picture.srgb() @ LUMA, np.float32)
 
 
 def _common_move(first: Float32, second: Float32) -> tuple[float, float] | None:

@@ -6,7 +6,13 @@ from support.effects.filmed_shots import Camera, filmed, lamps
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Bloom
-from nlens_video.effects.camera.bloom import add_bloom, halo_of, measure, quick_halo
+from nlens_video.effects.camera.bloom import (
+    add_bloom,
+    halo_by_spectrum,
+    halo_of,
+    measure,
+    quick_halo,
+)
 
 FRAME = Box(0, 0, 300, 200)
 LENS = Bloom(share=0.2, length_px=8.0)
@@ -31,6 +37,13 @@ def test_fast_halo_agrees_with_the_direct_convolution(length):
     plain, quick = halo_of(light, length), quick_halo(light, length)
     assert np.abs(quick - plain).max() < 0.03 * plain.max()
     assert quick.sum() == pytest.approx(plain.sum(), rel=0.01)
+
+
+@pytest.mark.parametrize("size", [(60, 90), (61, 37), (1, 5)])
+@pytest.mark.parametrize("length", [3.0, 21.0])
+def test_halo_by_spectrum_equals_the_direct_convolution_up_to_the_border(length, size):
+    light = np.random.default_rng(3).random(size).astype(np.float32)
+    assert halo_by_spectrum(light, length) == pytest.approx(halo_of(light, length), abs=1e-6)
 
 
 def test_halo_keeps_energy_and_decays_exponentially():

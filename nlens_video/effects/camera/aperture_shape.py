@@ -13,13 +13,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import cv2
 import numpy as np
 
 from nlens_video.core.layers import Float64, Picture
 from nlens_video.core.optics import ROUND, Aperture
-from nlens_video.effects.camera.highlight_discs import ANGLES, Discs, about_middle, find_discs
+from nlens_video.effects.camera.highlight_discs import (
+    ANGLES,
+    DIRECTIONS,
+    Discs,
+    about_middle,
+    find_discs,
+)
 from nlens_video.kernels.scatter.shape import boundary, outer_radius
 from nlens_video.stages.f_coc import LUMA
 
@@ -73,17 +80,21 @@ def read_aperture(picture: Picture, pixel_aspect: float = 1.0) -> ApertureReadin
     return fit_aperture(find_discs(luma))
 
 
-def outlines_of(aperture: Aperture, middles: Float64) -> Float64:
-    """Outlines (N, 96) of an aperture's discs at places in the frame, as of `Discs`."""
-    if aperture.cat_eye == 0.0:
-        return boundary(aperture, ANGLES)[None]
-    barrel = -aperture.cat_eye * middles  # as `barrel_centre`, which takes pixels
-    across, down = np.cos(ANGLES), np.sin(ANGLES)
-    towards = barrel[:, :1] * across + barrel[:, 1:] * down
-    rim = outer_radius(aperture)
-    far = np.maximum(towards**2 - (barrel**2).sum(axis=1)[:, None] + rim**2, 0.0)
-    distance = np.minimum(boundary(aperture, ANGLES), towards + np.sqrt(far))
-    return about_middle(np.stack([distance * across, distance * down], axis=-1))
+def _outlines_of(apertures: Sequence[Aperture], middles: Float64) -> Float64:
+    """Outlines (A, N, 96) of apertures' discs at places in the frame, as of `Discs`."""
+    uncut = np.stack([boundary(one, ANGLES) for one in apertures])[:, None]
+    outlines = np.repeat(uncut, len(middles), axis=1)
+    cat_eyes = np.array([one.cat_eye for one in apertures])
+    cut = cat_eyes > 0.0
+    if cut.any():
+        rims = np.array([outer_radius(one) for one in apertures])[cut, None, None]
+        # as `barrel_centre`, which takes pixels
+        barrel = -cat_eyes[cut, None, None] * middles
+        towards = barrel @ DIRECTIONS
+        far = np.maximum(towards**2 - (barrel**2).sum(axis=-1, keepdims=True) + rims**2, 0.0)
+        distance = np.minimum(uncut[cut], towards + np.sqrt(far))
+        outlines[cut] = about_middle(distance[..., None] * DIRECTIONS.T)
+    return outlines
 
 
 def fit_aperture(discs: Discs) -> ApertureReading | None:
@@ -91,16 +102,16 @@ def fit_aperture(discs: Discs) -> ApertureReading | None:
     if len(discs.radii_px) < FEWEST_DISCS:
         return None
     barrel = _fit_cat_eye(ROUND, discs)
-    bladed = sorted(
-        (_fit_cat_eye(_fit_blades(count, barrel, discs), discs) for count in _BLADES),
-        key=lambda one: _error(one, discs),
-    )
-    first, second, whole = (_error(one, discs) for one in (*bladed[:2], barrel))
-    found = bladed[0] if first < min(_BETTER * whole, _CLEARLY * second) else barrel
+    bladed = [_fit_cat_eye(_fit_blades(count, barrel, discs), discs) for count in _BLADES]
+    *errors, whole = _error([*bladed, barrel], discs)
+    first, second = sorted(errors)[:2]
+    clear = first < min(_BETTER * whole, _CLEARLY * second)
+    found = bladed[errors.index(first)] if clear else barrel
     uncut = replace(found, cat_eye=0.0)
-    if found.cat_eye < _LEAST_CAT_EYE or _error(found, discs) > _BETTER * _error(uncut, discs):
+    cut_error, uncut_error = _error([found, uncut], discs)
+    if found.cat_eye < _LEAST_CAT_EYE or cut_error > _BETTER * uncut_error:
         found = uncut
-    of_one = int((_errors(found, discs) < _MOST_OFF**2).sum())
+    of_one = int((_errors([found], discs) < _MOST_OFF**2).sum())
     if of_one < max(FEWEST_DISCS, 0.5 * len(discs.radii_px)):
         return None
     return ApertureReading(found, of_one)
@@ -108,44 +119,45 @@ def fit_aperture(discs: Discs) -> ApertureReading | None:
 
 def _fit_cat_eye(shape: Aperture, discs: Discs) -> Aperture:
     """The aperture of that shape whose cat's eye fits best."""
-    coarse = _best(shape, discs, [replace(shape, cat_eye=0.2 * step) for step in range(6)])
+    coarse = _best(discs, [shape, *(replace(shape, cat_eye=0.2 * step) for step in range(6))])
     near = (coarse.cat_eye + 0.05 * step for step in (-2, -1, 1, 2))
-    return _best(coarse, discs, [replace(shape, cat_eye=c) for c in near if 0.0 <= c <= 1.0])
+    finer = (replace(shape, cat_eye=c) for c in near if 0.0 <= c <= 1.0)
+    return _best(discs, [coarse, *finer])
 
 
 def _fit_blades(count: int, whole: Aperture, discs: Discs) -> Aperture:
     """The aperture of so many blades that fits best."""
     period = 360.0 / count
-    best = _best(
+    best = _best(discs, [
         whole,
-        discs,
-        [
+        *(
             replace(whole, blades=count, rotation_deg=period * turn / 12, roundness=roundness)
             for turn in range(12)
             for roundness in (0.0, 0.3, 0.6, 0.8)
-        ],
-    )
+        ),
+    ])  # fmt: skip
     for part in (0.5, 0.25, 0.125):
         turn, bulge = part * period / 6, 0.3 * part
-        best = _best(best, discs, [
+        best = _best(discs, [best, *(
             replace(best, rotation_deg=best.rotation_deg + t * turn,
                     roundness=min(max(best.roundness + b * bulge, 0.0), 1.0))
             for t in (-1, 0, 1) for b in (-1, 0, 1)
-        ])  # fmt: skip
+        )])  # fmt: skip
     return replace(best, rotation_deg=best.rotation_deg % period)
 
 
-def _best(start: Aperture, discs: Discs, others: Sequence[Aperture]) -> Aperture:
-    """The one of least error."""
-    return min((start, *others), key=lambda one: _error(one, discs))
+def _best(discs: Discs, apertures: Sequence[Aperture]) -> Aperture:
+    """The one of least error, the first of equal ones."""
+    return apertures[int(np.argmin(_error(apertures, discs)))]
 
 
-def _errors(aperture: Aperture, discs: Discs) -> Float64:
-    """Mean squared distance (N,) between outlines and an aperture's [radius**2]."""
-    off = discs.outlines - outlines_of(aperture, discs.middles)
-    return np.asarray(np.mean(off**2, axis=1))
+def _errors(apertures: Sequence[Aperture], discs: Discs) -> Float64:
+    """Mean squared distance (A, N) between outlines and apertures' [radius**2]."""
+    off = discs.outlines - _outlines_of(apertures, discs.middles)
+    return np.asarray(np.mean(off**2, axis=-1))
 
 
-def _error(aperture: Aperture, discs: Discs) -> float:
-    """The same of all discs, those that are none counted as `_MOST_OFF`."""
-    return float(np.minimum(_errors(aperture, discs), _MOST_OFF**2).mean())
+def _error(apertures: Sequence[Aperture], discs: Discs) -> list[float]:
+    """The same of all discs (A,), those that are none counted as `_MOST_OFF`."""
+    error = np.minimum(_errors(apertures, discs), _MOST_OFF**2).mean(axis=1)
+    return cast("list[float]", error.tolist())

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from nlens_video.core.layers import BlurredLayer, Bool, Box, Float32, Float64, Picture
+from nlens_video.core.layers import BlurredLayer, Bool, Box, Float32, Float64, Int64, Picture
 from nlens_video.core.optics import Bloom
 from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.plate_pictures import PlatePictures
 
 EFFECT = "bloom"
 THRESHOLD_LEVELS = 4.0
@@ -38,14 +38,13 @@ _LEAST_CONTRAST = 1.0  # of the halo's deviation to that of everything else arou
 _MOST_SHARE = 1.0  # a halo with more light is of a source far beyond white, such as the sun
 _BESIDE = (0.005, 0.01)  # the strip on which the halo's height is measured [width of the picture]
 _MS_PER_MEGAPIXEL = 20.0
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     step = max(1, math.ceil(picture.width / _WORK_WIDTH))
-    light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
+    light = PlatePictures.of(pictures).light()
     height, width = (side // step * step for side in light.shape)
     size = (width // step, height // step)
     small = cv2.resize(light[:height, :width], size, interpolation=cv2.INTER_AREA)
@@ -64,9 +63,6 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     )
 
 
-Whole = npt.NDArray[np.int64]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Halo:
     words: str
@@ -78,11 +74,28 @@ class _Halo:
 
 @dataclass(frozen=True, slots=True)
 class _Surroundings:
-    """Pixels around lamps (N,): light [1], number of the sector of a lamp, flat index."""
+    """Pixels around lamps (N,), those of a sector of a lamp together.
+
+    Attributes:
+        light: of each [1].
+        at: its flat index.
+        starts: of the sectors (S,).
+        counts: of their pixels (S,).
+    """
 
     light: Float64
-    sector: Whole
-    at: Whole
+    at: Int64
+    starts: Int64
+    counts: Int64
+
+    def by_sector(self, values: Float64) -> Float64:
+        """Sums (S,) of values (N,)."""
+        return np.asarray(np.add.reduceat(values, self.starts))
+
+    def without_background(self, values: Float64, weights: Float64) -> Float64:
+        """Values (N,) less their weighted mean in each sector."""
+        mean = self.by_sector(weights * values) / self.by_sector(weights)
+        return values - np.repeat(mean, self.counts)
 
 
 def _halo(light: Float32) -> _Halo:
@@ -91,33 +104,32 @@ def _halo(light: Float32) -> _Halo:
     if not lamps.any():
         return _Halo(words="nothing in the plate clips")
     around = _surroundings(light, clipped, lamps)
-    count = len(np.unique(around.sector)) if around is not None else 0
+    count = len(around.starts) if around is not None else 0
     if around is None or count < _LEAST_SECTORS:
         return _Halo(words="what clips in the plate has nothing around that would show a halo")
-    best: tuple[float, float, float, float, Float64] | None = None
+    best: tuple[_Fit, float, Float32] | None = None
+    sources = clipped.astype(np.float32)
     for length in LENGTHS_PX:
-        halo = halo_of(clipped.astype(np.float32), length)
-        spread = halo.ravel()[around.at].astype(np.float64)
-        share, error, misfit, contrast = _fitted(around, spread)
-        if best is None or misfit < best[0]:
-            best = (misfit, share, error, contrast, spread)
-            found_length = length
+        halo = halo_by_spectrum(sources, length)
+        fit = _fitted(around, halo.ravel()[around.at].astype(np.float64))
+        if best is None or fit.misfit < best[0].misfit:
+            best = fit, length, halo
     assert best is not None
-    _, share, error, contrast, spread = best
-    certainty = share / error if error > 0 else 0.0
-    levels = _levels_beside(light, lamps, share * halo_of(clipped.astype(np.float32), found_length))
+    fit, found_length, halo = best
+    certainty = fit.share / fit.error if fit.error > 0 else 0.0
+    levels = _levels_beside(light, lamps, fit.share * halo)
     words = (
         f"light round what clips: {levels:.1f} levels of a halo that reaches "
         f"{found_length:.0f} px of {light.shape[1]} ({certainty:.0f} standard errors, "
-        f"{count} sectors, {contrast:.1f} times as strong as what else is there)"
+        f"{count} sectors, {fit.contrast:.1f} times as strong as what else is there)"
     )
-    if share > _MOST_SHARE:
+    if fit.share > _MOST_SHARE:
         words += "; more than white light has, as round the sun: the object has none such"
     return _Halo(
-        words=words, share=share, length_px=found_length, levels=levels,
+        words=words, share=fit.share, length_px=found_length, levels=levels,
         certain=certainty >= _LEAST_CERTAINTY
-        and contrast >= _LEAST_CONTRAST
-        and share <= _MOST_SHARE
+        and fit.contrast >= _LEAST_CONTRAST
+        and fit.share <= _MOST_SHARE
         and found_length < LENGTHS_PX[-1],
     )  # fmt: skip
 
@@ -155,7 +167,9 @@ def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings |
     if not parts:
         return None
     light_of, sector, at = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Surroundings(light_of.astype(np.float64), sector, at)
+    order = np.argsort(sector, kind="stable")
+    _, starts, counts = np.unique(sector[order], return_index=True, return_counts=True)
+    return _Surroundings(light_of[order].astype(np.float64), at[order], starts, counts)
 
 
 def _border(light: Float32, away: Float32) -> float:
@@ -168,22 +182,31 @@ def _border(light: Float32, away: Float32) -> float:
     return float(_REACH)
 
 
-def _fitted(around: _Surroundings, spread: Float64) -> tuple[float, float, float, float]:
-    """Share, standard error, misfit, contrast; each sector has its own background."""
-    _, numbers = np.unique(around.sector, return_inverse=True)
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """Share of the light in a halo of one length, its standard error, misfit, contrast."""
+
+    share: float
+    error: float
+    misfit: float
+    contrast: float
+
+
+def _fitted(around: _Surroundings, spread: Float64) -> _Fit:
+    """The share that fits best; each sector has its own background."""
     weights = np.ones(len(spread))
     share = 0.0
     for _ in range(8):
-        light, halo = (_without_mean(part, numbers, weights) for part in (around.light, spread))
+        light, halo = (around.without_background(part, weights) for part in (around.light, spread))
         told = float((weights * halo * halo).sum())
         share = float((weights * halo * light).sum()) / max(told, 1e-12)
         off = light - share * halo
         scale = 1.4826 * float(np.median(np.abs(off))) + 1e-6
         weights = 1.0 / (1.0 + (off / (2.0 * scale)) ** 2) ** 2
-    sums = np.bincount(numbers, weights * halo * off)
+    sums = around.by_sector(weights * halo * off)
     error = float(np.sqrt((sums**2).sum())) / max(told, 1e-12)
     misfit = float(np.log1p((off / scale) ** 2).mean() + 2.0 * math.log(scale))
-    return share, error, misfit, share * float(halo.std()) / scale
+    return _Fit(share, error, misfit, share * float(halo.std()) / scale)
 
 
 def _levels_beside(light: Float32, lamps: Bool, halo: Float32) -> float:
@@ -194,11 +217,6 @@ def _levels_beside(light: Float32, lamps: Bool, halo: Float32) -> float:
     seen = light[strip].astype(np.float64)
     without = np.maximum(seen - halo[strip], 0.0)
     return 255.0 * float((_code(seen) - _code(without)).mean()) if strip.any() else 0.0
-
-
-def _without_mean(values: Float64, numbers: Whole, weights: Float64) -> Float64:
-    mean = np.bincount(numbers, weights * values) / np.bincount(numbers, weights)
-    return np.asarray(values - mean[numbers])
 
 
 def _code(light: Float64) -> Float64:
@@ -235,11 +253,37 @@ def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
 
 def halo_of(light: Float32, length_px: float) -> Float32:
     """Light (h, w) or (h, w, C) convolved with an exponential of decay length `length_px` [px]."""
-    reach = math.ceil(7.0 * length_px)
-    away = np.hypot(*np.meshgrid(*2 * [np.arange(-reach, reach + 1, dtype=np.float32)]))
-    kernel = np.exp(-away / np.float32(length_px))
     border = cv2.BORDER_CONSTANT
-    return np.asarray(cv2.filter2D(light, cv2.CV_32F, kernel / kernel.sum(), borderType=border))
+    return np.asarray(cv2.filter2D(light, cv2.CV_32F, _kernel(length_px), borderType=border))
+
+
+def halo_by_spectrum(light: Float32, length_px: float) -> Float32:
+    """`halo_of` for light (h, w), by Fourier transforms."""
+    kernel = _kernel(length_px)
+    reach = len(kernel) // 2
+    # what reaches farther than across the picture falls outside
+    down, across = (min(reach, side - 1) for side in light.shape)
+    near = kernel[reach - down : reach + down + 1, reach - across : reach + across + 1]
+    # so large that nothing wraps round into the picture
+    rows = cv2.getOptimalDFTSize(light.shape[0] + down)
+    columns = cv2.getOptimalDFTSize(light.shape[1] + across)
+    spectra = []
+    for values in (light, near):
+        padded = np.zeros((rows, columns), np.float32)
+        padded[: values.shape[0], : values.shape[1]] = values
+        spectra.append(cv2.dft(padded))
+    product = cv2.mulSpectrums(spectra[0], spectra[1], 0)
+    halo = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
+    return np.asarray(halo[down:, across:][: light.shape[0], : light.shape[1]], np.float32)
+
+
+def _kernel(length_px: float) -> Float32:
+    """An exponential of two dimensions whose sum is 1, to where it has fallen to a thousandth."""
+    reach = math.ceil(7.0 * length_px)
+    away = np.hypot(*np.meshgrid(*2 * [np.arange(reach + 1, dtype=np.float32)]))
+    quarter = np.exp(-away / np.float32(length_px))
+    kernel = np.pad(quarter, ((reach, 0), (reach, 0)), mode="reflect")
+    return np.asarray(kernel / kernel.sum())
 
 
 def quick_halo(light: Float32, length_px: float) -> Float32:

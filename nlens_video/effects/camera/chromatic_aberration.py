@@ -14,15 +14,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import cast
 
 import cv2
 import numpy as np
+from cv2.typing import MatLike
 
 from nlens_video.core.box import from_middle, half_diagonal, square_radius
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
 from nlens_video.core.optics import Aberration
 from nlens_video.effects.camera.radial_fit import RadialFit, Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.plate_pictures import PlatePictures
 
 EFFECT = "aberration"
 THRESHOLD_PX = 0.4
@@ -39,10 +42,11 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     step = max(2, math.ceil(picture.width / _WORK_WIDTH))
-    rgb = _reduced(picture.srgb(), step)
+    planes = _reduced(PlatePictures.of(pictures).codes(), step)
+    green = _GreenWindows(planes[1])
     channels, words = {}, []
     for name, at in (("red", 0), ("blue", 2)):
-        fit = _displacement(rgb[..., 1], rgb[..., at])
+        fit = _displacement(green, planes[at])
         channels[name] = fit
         words.append(f"{name} {fit.at_corner * step:+.2f} px at the corner ({fit.describe()})")
     cost_ms = _MS_PER_MEGAPIXEL * 0.2 * picture.width * picture.height / 1e6
@@ -64,15 +68,16 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     )
 
 
-def _reduced(rgb: Float32, step: int) -> Float32:
+def _reduced(rgb: Float32, step: int) -> Sequence[Float32]:
+    """The channels (h, w), reduced to the work size."""
     height, width = (max(1, side // step) * min(step, side) for side in rgb.shape[:2])
     size = (max(1, width // step), max(1, height // step))
     small = cv2.resize(rgb[:height, :width], size, interpolation=cv2.INTER_AREA)
-    return np.asarray(cv2.GaussianBlur(small, (0, 0), _SMOOTHING_PX))
+    return cast("Sequence[Float32]", cv2.split(cv2.GaussianBlur(small, (0, 0), _SMOOTHING_PX)))
 
 
-def _displacement(green: Float32, other: Float32) -> RadialFit:
-    """Displacement of a channel against green (H, W) [px].
+def _displacement(green: _GreenWindows, other: Float32) -> RadialFit:
+    """Displacement of a channel (H, W) against green [px].
 
     A codec that drops a window's faint chroma leaves a picture that green explains without any
     displacement. Windows weighted by their residual then pull the strength to zero; windows with
@@ -83,10 +88,10 @@ def _displacement(green: Float32, other: Float32) -> RadialFit:
     return _fitted(green, other, alike_trusted=True) if strict.consistent else strict
 
 
-def _fitted(green: Float32, other: Float32, *, alike_trusted: bool) -> RadialFit:
+def _fitted(green: _GreenWindows, other: Float32, *, alike_trusted: bool) -> RadialFit:
     fit = RadialFit()
     for _ in range(_ROUNDS):
-        windows = _windows(green, _moved_back(other, fit), alike_trusted=alike_trusted)
+        windows = green.against(_moved_back(other, fit), alike_trusted=alike_trusted)
         fit = fit_radial(windows).after(fit)
     return fit
 
@@ -95,67 +100,78 @@ def _moved_back(plane: Float32, fit: RadialFit) -> Float32:
     """The channel with a displacement undone."""
     if not (fit.linear or fit.cubic):
         return plane
-    x, y, r, half = _places(plane.shape)
-    scale = (fit.linear + fit.cubic * r**2) / half
-    columns = (x * half * (1.0 + scale) + 0.5 * plane.shape[1] - 0.5).astype(np.float32)
-    rows = (y * half * (1.0 + scale) + 0.5 * plane.shape[0] - 0.5).astype(np.float32)
+    half = 0.5 * math.hypot(*plane.shape)
+    x, y = (_places(side, half) for side in plane.shape[::-1])
+    scale = (half + fit.linear) + fit.cubic * (x**2 + y[:, None] ** 2)
+    columns = (x * scale + 0.5 * plane.shape[1] - 0.5).astype(np.float32)
+    rows = (y[:, None] * scale + 0.5 * plane.shape[0] - 0.5).astype(np.float32)
     return np.asarray(
         cv2.remap(plane, columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     )
 
 
-def _places(shape: tuple[int, ...]) -> tuple[Float64, Float64, Float64, float]:
-    """Columns and rows from the middle and radius, in half diagonals (H, W); half diagonal [px]."""
-    height, width = shape[:2]
-    half = 0.5 * math.hypot(width, height)
-    x, y = np.meshgrid(
-        (np.arange(width) + 0.5 - 0.5 * width) / half,
-        (np.arange(height) + 0.5 - 0.5 * height) / half,
-    )
-    return x, y, np.hypot(x, y), half
+def _places(side: int, half: float) -> Float64:
+    """Columns or rows from the middle (side,) [half diagonal of `half` px]."""
+    return np.asarray((np.arange(side) + 0.5 - 0.5 * side) / half, np.float64)
 
 
-def _windows(green: Float32, other: Float32, *, alike_trusted: bool) -> Windows:
-    """Displacement of a channel in each window that shows one.
+def _tiles(plane: MatLike) -> Float64:
+    """Pixels of a plane (H, W) by window (N, P)."""
+    height, width = (side // _WINDOW for side in plane.shape)
+    cut = plane[: height * _WINDOW, : width * _WINDOW].astype(np.float64)
+    tiles = cut.reshape(height, _WINDOW, width, _WINDOW).transpose(0, 2, 1, 3)
+    return np.asarray(tiles.reshape(height * width, _WINDOW**2), np.float64)
 
-    With `alike_trusted` the residual variance of a window has a lower bound, so weights are alike.
+
+class _GreenWindows:
+    """Windows of green (H, W) in which a displacement of another channel would show.
+
+    What depends on green alone is computed once: each channel is fitted in several rounds.
     """
-    x, y, _, _ = _places(green.shape)
-    gradient_x = cv2.Sobel(green, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-    gradient_y = cv2.Sobel(green, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
-    parts = np.stack([green, np.ones_like(green), gradient_x, gradient_y, other])
-    height, width = (side // _WINDOW for side in green.shape)
-    cut = parts[:, : height * _WINDOW, : width * _WINDOW]
-    tiles = cut.reshape(5, height, _WINDOW, width, _WINDOW).transpose(1, 3, 0, 2, 4)
-    tiles = tiles.reshape(height * width, 5, _WINDOW**2).astype(np.float64)
-    deviation = tiles[:, 0].std(axis=1)
-    unclipped = (tiles[:, (0, 4)].max(axis=(1, 2)) < 0.98) & (tiles[:, 4].min(axis=1) > 0.01)
-    seen = (deviation > _LEAST_CONTRAST) & unclipped
-    tiles = tiles[seen]
-    design, target = tiles[:, :4], tiles[:, 4]
-    normal = design @ design.transpose(0, 2, 1) + 1e-9 * np.eye(4)
-    solution = np.linalg.solve(normal, (design @ target[..., None]))[..., 0]
-    residual = target - np.einsum("nk,nkp->np", solution, design)
-    slope = solution[:, 0]
-    alike = slope * deviation[seen] > 2.0 * residual.std(axis=1)
-    safe = np.where(slope > 0.1, slope, 1.0)
-    left = residual.var(axis=1)
-    if alike_trusted and len(left):
-        left = np.maximum(left, np.quantile(left, _TRUSTED))
-    # neighbours share noise through the smoothing: a window is worth a fifth
-    variance = 5.0 * left + 1e-7
-    spread = variance[:, None, None] * np.linalg.inv(normal)[:, 2:, 2:] / safe[:, None, None] ** 2
-    good = alike & (slope > 0.1)
-    middle_x = x[0, _WINDOW // 2 :: _WINDOW][:width]
-    middle_y = y[_WINDOW // 2 :: _WINDOW, 0][:height]
-    columns, rows = (part.ravel()[seen][good] for part in np.meshgrid(middle_x, middle_y))
-    return Windows(
-        x=columns,
-        y=rows,
-        moved=-solution[good, 2:] / safe[good, None],
-        covariance=spread[good],
-        trust=np.ones(int(good.sum())),
-    )
+
+    def __init__(self, green: Float32) -> None:
+        tiles = _tiles(green)
+        deviation = tiles.std(axis=1)
+        self._kept = (deviation > _LEAST_CONTRAST) & (tiles.max(axis=1) < 0.98)
+        self._deviation = deviation[self._kept]
+        half = 0.5 * math.hypot(*green.shape)
+        columns, rows = (
+            _places(side, half)[_WINDOW // 2 :: _WINDOW][: side // _WINDOW]
+            for side in green.shape[::-1]
+        )
+        self._x, self._y = (part.ravel()[self._kept] for part in np.meshgrid(columns, rows))
+        gradient_x = cv2.Sobel(green, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+        gradient_y = cv2.Sobel(green, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+        parts = [tiles, np.ones_like(tiles), _tiles(gradient_x), _tiles(gradient_y)]
+        self._design = np.stack([part[self._kept] for part in parts], axis=1)
+        normal = self._design @ self._design.transpose(0, 2, 1)
+        self._inverse = np.linalg.inv(normal + 1e-9 * np.eye(4))
+
+    def against(self, other: Float32, *, alike_trusted: bool) -> Windows:
+        """Displacement of a channel (H, W) in each window that shows one.
+
+        With `alike_trusted` the residual variance of a window has a lower bound, so weights are
+        alike.
+        """
+        target = _tiles(other)[self._kept]
+        solution = self._inverse @ (self._design @ target[..., None])
+        residual = target - (solution.transpose(0, 2, 1) @ self._design)[:, 0]
+        left, solution = residual.var(axis=1), solution[..., 0]
+        unclipped = (target.max(axis=1) < 0.98) & (target.min(axis=1) > 0.01)
+        slope = solution[:, 0]
+        good = unclipped & (slope > 0.1) & (slope * self._deviation > 2.0 * np.sqrt(left))
+        if alike_trusted and unclipped.any():
+            left = np.maximum(left, np.quantile(left[unclipped], _TRUSTED))
+        # neighbours share noise through the smoothing: a window is worth a fifth
+        variance = (5.0 * left + 1e-7)[good, None, None]
+        slope = slope[good]
+        return Windows(
+            x=self._x[good],
+            y=self._y[good],
+            moved=-solution[good, 2:] / slope[:, None],
+            covariance=variance * self._inverse[good, 2:, 2:] / slope[:, None, None] ** 2,
+            trust=np.ones(len(slope)),
+        )
 
 
 def displace_channels(

@@ -15,9 +15,10 @@ import cv2
 import numpy as np
 
 from nlens_video.core.box import undistorted_radius
-from nlens_video.core.layers import Float64, Picture
+from nlens_video.core.layers import Float32, Float64, Picture
 from nlens_video.core.optics import Distortion
 from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.plate_pictures import PlatePictures
 
 EFFECT = "distortion"
 THRESHOLD_PX = 3.0
@@ -42,7 +43,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
     half = 0.5 * math.hypot(picture.width, picture.height)
-    edges, pixel = _edges(picture)
+    edges, pixel = _edges(PlatePictures.of(pictures).codes())
     found = _fitted(edges, pixel)
     words = f"{len(edges)} long edges"
     if found is not None:
@@ -90,10 +91,9 @@ class _Bent:
         )
 
 
-def _edges(picture: Picture) -> tuple[list[Edge], float]:
+def _edges(rgb: Float32) -> tuple[list[Edge], float]:
     """Long and nearly straight edges, and the size of a pixel [half diagonal]."""
-    step = max(1, math.ceil(picture.width / _WORK_WIDTH))
-    rgb = picture.srgb()
+    step = max(1, math.ceil(rgb.shape[1] / _WORK_WIDTH))
     height, width = (side // step for side in rgb.shape[:2])
     grey = cv2.cvtColor(rgb[: height * step, : width * step], cv2.COLOR_RGB2GRAY)
     small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
@@ -101,30 +101,32 @@ def _edges(picture: Picture) -> tuple[list[Edge], float]:
     drawing.detectEdges(np.clip(255.0 * small, 0.0, 255.0).astype(np.uint8))
     half = 0.5 * math.hypot(width, height)
     centre = np.array([0.5 * width - 0.5, 0.5 * height - 0.5])
+    fewest = max(2.0, _SHORTEST * half)  # neighbours touch: fewer pixels cannot span so much
     edges = []
     for chain in drawing.getSegments():
-        places = (np.asarray(chain, np.float64).reshape(-1, 2) - centre) / half
-        edges.extend(_straight_parts(places))
+        if len(chain) >= fewest:
+            places = (np.asarray(chain, np.float64).reshape(-1, 2) - centre) / half
+            edges.extend(_straight_parts(places, fewest))
     return edges, 1.0 / half
 
 
-def _straight_parts(places: Edge) -> list[Edge]:
-    """The parts of a chain of pixels that are long and nearly straight."""
-    if len(places) < 2:
+def _straight_parts(places: Edge, fewest: float) -> list[Edge]:
+    """The parts of a chain of pixels that are long and nearly straight, of `fewest` at least."""
+    if len(places) < fewest:
+        return []
+    span = float(np.ptp(places, axis=0).max())
+    if span < _SHORTEST:
         return []
     chord = places[-1] - places[0]
     length = float(np.hypot(*chord))
     away = np.abs(_cross(chord, places - places[0])) / max(length, 1e-9)
     worst = int(np.argmax(away))
-    span = float(np.ptp(places, axis=0).max())
-    if span < _SHORTEST:
-        return []
     if length > 0.9 * span and away[worst] <= _MOST_BENT * length:
         inner = places[3:-3]  # corners are rounded
         return [inner] if length >= _SHORTEST and len(inner) > 20 else []
     cut = worst if length > 1e-6 else len(places) // 2
     cut = min(max(cut, 1), len(places) - 1)
-    return [*_straight_parts(places[:cut]), *_straight_parts(places[cut:])]
+    return [*_straight_parts(places[:cut], fewest), *_straight_parts(places[cut:], fewest)]
 
 
 def _cross(one: Float64, many: Float64) -> Float64:
@@ -135,10 +137,10 @@ class _Lines:
     """All edges, and their deviations from straight lines for a coefficient."""
 
     def __init__(self, edges: list[Edge], pixel: float) -> None:
-        self._places = np.concatenate(edges)
-        self._starts = np.cumsum([0, *(len(edge) for edge in edges[:-1])])
-        self._counts = np.array([len(edge) for edge in edges], np.float64)
-        self._far = np.hypot(self._places[:, 0], self._places[:, 1])
+        self._places = np.ascontiguousarray(np.concatenate(edges).T)
+        self._counts = np.array([len(edge) for edge in edges])
+        self._starts = np.cumsum(self._counts) - self._counts
+        self._far = np.hypot(*self._places)
         self._pixel = pixel
         self.middles = self._mean(self._places)
 
@@ -146,11 +148,10 @@ class _Lines:
         """Deviation of each edge (E,) from its own best line [px]."""
         scale = undistorted_radius(k1, 0.0, self._far) / np.maximum(self._far, 1e-9)
         scale = np.where(np.isfinite(scale), scale, 1.0)
-        places = self._places * scale[:, None]
-        x, y = (places - np.repeat(self._mean(places), self._counts.astype(int), axis=0)).T
-        xx, xy, yy = (self._mean((part)[:, None])[:, 0] for part in (x * x, x * y, y * y))
+        places = self._places * scale
+        x, y = places - np.repeat(self._mean(places), self._counts, axis=1)
+        xx, xy, yy, shrunk = (self._mean(part) for part in (x * x, x * y, y * y, scale))
         least = 0.5 * (xx + yy) - np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
-        shrunk = self._mean(scale[:, None])[:, 0]
         return np.asarray(np.sqrt(np.maximum(least, 0.0)) / (shrunk * self._pixel))
 
     def cost(self, k1: float) -> float:
@@ -158,7 +159,8 @@ class _Lines:
         return float(np.log1p((self.off_px(k1) / _STRAIGHT_PX) ** 2).sum())
 
     def _mean(self, values: Float64) -> Float64:
-        return np.asarray(np.add.reduceat(values, self._starts, axis=0) / self._counts[:, None])
+        """Means (..., E) of values (..., N) along the edges."""
+        return np.asarray(np.add.reduceat(values, self._starts, axis=-1) / self._counts)
 
 
 def _fitted(edges: list[Edge], pixel: float) -> _Bent | None:
@@ -181,11 +183,11 @@ def _fitted(edges: list[Edge], pixel: float) -> _Bent | None:
     before, after = lines.off_px(0.0), lines.off_px(k1)
     better = after < _CLEARLY * before
     worse = (before < _CLEARLY * after) & (after > _STRAIGHT_PX)
-    lying = lines.middles[better]
+    right, low = lines.middles[:, better] > 0
     return _Bent(
         k1=k1,
         certainty=abs(k1) / max(error, 1e-9),
         better=int(better.sum()),
         worse=int(worse.sum()),
-        quadrants=len(np.unique((lying[:, 0] > 0) * 2 + (lying[:, 1] > 0))),
+        quadrants=len(np.unique(right * 2 + low)),
     )

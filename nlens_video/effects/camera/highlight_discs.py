@@ -25,11 +25,15 @@ _MOST_LONG = 2.2  # longer by wider side of the bounding box
 _LEAST_CONTRAST = 0.12  # between a disc and what surrounds it [code value, 1 is white]
 _MOST_UNEVEN = 0.25  # deviation inside a disc [contrast]
 _MOST_DISCS = 32
-_INSIDE, _AROUND = 0.7, (1.3, 1.7)  # where the levels are read [radius]
 _RAY = np.linspace(0.3, 1.7, 71)  # [radius]
+_INSIDE, _AROUND = _RAY <= 0.7, _RAY >= 1.3  # where the levels are read
 _WIDEST_EDGE = 14  # between a quarter and three quarters of the contrast [1/50 radius]
-ANGLES = np.linspace(0.0, 2.0 * math.pi, 96, endpoint=False)
+_TURN = 2.0 * math.pi  # [rad]
+ANGLES = np.linspace(0.0, _TURN, 96, endpoint=False)
 """Directions of an outline, clockwise in the picture from the right [rad]."""
+DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
+"""The same as columns and rows (2, 96)."""
+_RAYS = DIRECTIONS[..., None] * _RAY  # columns and rows (2, 96, 71) [radius]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +83,7 @@ def _candidates(luma: Float32) -> Iterator[tuple[float, float, float]]:
         np.empty(0),
     )  # middles and areas at the threshold before
     for threshold in _THRESHOLDS:
-        mask = np.asarray(luma >= threshold, np.uint8)
+        mask = (luma >= threshold).view(np.uint8)
         _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=4)
         left, top, wide, high, area = stats.T.astype(np.float64)
         inside = (left > 0) & (top > 0) & (left + wide < width) & (top + high < height)
@@ -116,12 +120,9 @@ def _outline(
 ) -> tuple[tuple[float, float], float, Float64] | None:
     """Middle, radius [px] and outline of a region as of `Discs`, None where it is no disc."""
     for _ in range(2):  # the second time from the middle of the outline itself
-        rays = radius * _RAY
-        columns = np.asarray(x + np.cos(ANGLES)[:, None] * rays, np.float32)
-        rows = np.asarray(y + np.sin(ANGLES)[:, None] * rays, np.float32)
+        columns, rows = np.asarray(radius * _RAYS + np.reshape((x, y), (2, 1, 1)), np.float32)
         levels = cv2.remap(luma, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        inner = levels[:, _RAY <= _INSIDE]
-        outer = levels[:, (_RAY >= _AROUND[0]) & (_RAY <= _AROUND[1])]
+        inner, outer = levels[:, _INSIDE], levels[:, _AROUND]
         inside, around = float(np.median(inner)), float(np.median(outer))
         contrast = inside - around
         if contrast < _LEAST_CONTRAST or float(inner.std()) > _MOST_UNEVEN * contrast:
@@ -137,31 +138,36 @@ def _outline(
         low, high = levels[every, first], levels[every, first - 1]
         part = (high - 0.5 * (inside + around)) / (high - low)
         distance = radius * (_RAY[first - 1] + part * (_RAY[1] - _RAY[0]))
-        points = np.stack([x + distance * np.cos(ANGLES), y + distance * np.sin(ANGLES)], axis=1)
-        centre, area = _centroid(points[None])
-        (x, y), radius = centre[0], math.sqrt(area[0] / math.pi)
+        points = (distance * DIRECTIONS).T + (x, y)
+        centre, area = _centroid(points)
+        (x, y), radius = centre, math.sqrt(area / math.pi)
     hull = cv2.contourArea(cv2.convexHull(points.astype(np.float32)))
-    if radius < _LEAST_RADIUS_PX or area[0] < _LEAST_CONVEX * hull:
+    if radius < _LEAST_RADIUS_PX or area < _LEAST_CONVEX * hull:
         return None
-    return (float(x), float(y)), radius, about_middle(points[None])[0]
+    return (float(x), float(y)), radius, about_middle(points)
 
 
 def _centroid(points: Float64) -> tuple[Float64, Float64]:
-    """Centroids (N, 2) and areas (N,) of polygons (N, K, 2)."""
-    following = np.roll(points, -1, axis=1)
+    """Centroids (..., 2) and areas (...) of polygons (..., K, 2)."""
+    following = np.roll(points, -1, axis=-2)
     cross = points[..., 0] * following[..., 1] - following[..., 0] * points[..., 1]
-    area = 0.5 * cross.sum(axis=1)
-    weighted = ((points + following) * cross[..., None]).sum(axis=1)
-    return weighted / (6.0 * area[:, None]), np.abs(area)
+    area = np.asarray(0.5 * cross.sum(axis=-1))
+    weighted = ((points + following) * cross[..., None]).sum(axis=-2)
+    return weighted / (6.0 * area[..., None]), np.abs(area)
 
 
 def about_middle(points: Float64) -> Float64:
-    """Outlines (N, 96) as of `Discs`, of polygons (N, K, 2) that are stars about their middle."""
+    """Outlines (..., 96) as of `Discs`, of polygons (..., K, 2), stars about their middle."""
     centres, areas = _centroid(points)
-    across, down = np.moveaxis(points - centres[:, None], -1, 0)
-    distance = np.hypot(across, down) / np.sqrt(areas / math.pi)[:, None]
-    angle = np.mod(np.arctan2(down, across), 2.0 * math.pi)
-    return np.array([
-        np.interp(ANGLES, at, of, period=2.0 * math.pi)
-        for at, of in zip(angle, distance, strict=True)
-    ])  # fmt: skip
+    across, down = np.moveaxis(points - centres[..., None, :], -1, 0)
+    distance = np.hypot(across, down) / np.sqrt(areas / math.pi)[..., None]
+    angle = np.mod(np.arctan2(down, across), _TURN)
+    order = np.argsort(angle, axis=-1)
+    angle, distance = (np.take_along_axis(one, order, axis=-1) for one in (angle, distance))
+    # a point more on each side closes the outline
+    angle = np.concatenate([angle[..., -1:] - _TURN, angle, angle[..., :1] + _TURN], axis=-1)
+    distance = np.concatenate([distance[..., -1:], distance, distance[..., :1]], axis=-1)
+    # each outline on turns of its own, so that one call interpolates all
+    turns = 3.0 * _TURN * np.arange(areas.size).reshape(*areas.shape, 1)
+    found = np.interp((ANGLES + turns).ravel(), (angle + turns).ravel(), distance.ravel())
+    return np.asarray(found.reshape(*areas.shape, len(ANGLES)))

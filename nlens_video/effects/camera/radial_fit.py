@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ _OUTLIER = 2.5  # deviations; Tukey's loss lets go at twice that
 _FIRST_EXTRA_PX = 1.0
 _MEDIAN_OF_CHI_SQUARED = 1.386  # of two degrees of freedom
 _LEAST_CERTAINTY_OF_BEND = 3.0
+_UNIT = np.array([[1.0], [0.0], [1.0]])  # matrix, as `_product` takes it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,8 +100,8 @@ def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> Ra
     x, y = windows.x, windows.y
     if len(x) < _LEAST_WINDOWS:
         return RadialFit(count=len(x))
-    place = np.stack([x, y], axis=1)
-    square = (place**2).sum(axis=1)
+    place = np.stack([x, y])
+    square = (place**2).sum(axis=0)
     plain = _Lines.on(windows, cubic=False)
     curved = _Lines.on(windows, cubic=True)
     # a cubic part that is not significant only adds errors at the corner, where few windows lie
@@ -112,27 +114,31 @@ def fit_radial(windows: Windows, corner: tuple[float, float] = (1.0, 1.0)) -> Ra
     at_corner = float(corner[0] * linear + corner[1] * cubic)
     error = lines.error(_picked(0.0, 0.0, *corner[: 1 + bent], zeros=shapes))
     shape = linear + cubic * square
-    parts = []
-    for right in (False, True):
-        for low in (False, True):
-            here = ((x > 0) == right) & ((y > 0) == low)
-            parts.append(lines.share(here, place * shape[:, None]) * at_corner)
+    quadrants = [((x > 0) == right) & ((y > 0) == low)
+                 for right in (False, True) for low in (False, True)]  # fmt: skip
+    shares = lines.shares(quadrants, place * shape)
     return RadialFit(
         linear=float(linear),
         cubic=float(cubic),
         at_corner=at_corner,
         certainty=abs(at_corner) / error if error else 0.0,
-        quadrants=tuple(parts),
+        quadrants=tuple(share * at_corner for share in shares),
         count=len(x),
         others=tuple(lines.answer[len(lines.answer) - shapes :].tolist()),
     )
 
 
 def _inverse(matrices: Float64) -> Float64:
-    """Inverses of symmetric matrices (N, 2, 2)."""
-    a, b, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 1]
-    adjugate = np.stack([d, -b, -b, a], axis=1).reshape(-1, 2, 2)
-    return np.asarray(adjugate / (a * d - b * b)[:, None, None])
+    """Inverses of symmetric 2x2 matrices, as `_product` takes them."""
+    xx, xy, yy = matrices
+    return np.asarray(np.stack([yy, -xy, xx]) / (xx * yy - xy * xy))
+
+
+def _product(matrices: Float64, vectors: Float64) -> Float64:
+    """Symmetric 2x2 matrices, the rows (3, N) being xx, xy and yy, by vectors (..., 2, N)."""
+    xx, xy, yy = matrices
+    x, y = vectors[..., 0, :], vectors[..., 1, :]
+    return np.stack([xx * x + xy * y, xy * x + yy * y], axis=-2)
 
 
 def _picked(*weights: float, zeros: int) -> Float64:
@@ -146,9 +152,9 @@ class _Lines:
     Attributes:
         answer: shift across, shift down, linear, cubic where it is there, other shapes (K,) [px].
         inverse: of the normal matrix.
-        scores: contribution of each window to the gradient (N, K).
-        weights: information of each window under the loss (N, 2, 2) [1 / px^2].
-        moved: displacements without the shift and the other shapes (N, 2) [px].
+        scores: contribution of each window to the gradient (K, N).
+        weights: information of each window under the loss (3, N), as of `_product` [1 / px^2].
+        moved: displacements without the shift and the other shapes (2, N) [px].
         clusters: number of the cluster of each window (N,).
     """
 
@@ -161,47 +167,56 @@ class _Lines:
 
     @classmethod
     def on(cls, windows: Windows, *, cubic: bool) -> _Lines:
-        place = np.stack([windows.x, windows.y], axis=1)
-        square, moved = (place**2).sum(axis=1), windows.moved
-        unit = np.broadcast_to(np.eye(2), (len(place), 2, 2))
-        columns = [unit, place[..., None]]
+        place = np.stack([windows.x, windows.y])
+        square = (place**2).sum(axis=0)
+        one, zero = np.ones_like(square), np.zeros_like(square)
+        columns = [np.stack([one, zero]), np.stack([zero, one]), place]
         if cubic:
-            columns.append((place * square[:, None])[..., None])
+            columns.append(place * square)
+        design = np.stack(columns)
         if windows.others is not None:
-            columns.append(windows.others)
-        design = np.concatenate(columns, axis=2)
-        flat = design.reshape(-1, design.shape[2])  # (2 N, K): sums over windows are products
-        answer = np.zeros(design.shape[2])
+            design = np.concatenate([design, windows.others.transpose(2, 1, 0)])
+        count = len(design)
+        flat = design.reshape(count, -1)  # (K, 2 N): sums over windows are products
+        moved = np.ascontiguousarray(windows.moved.T)
+        covariance = windows.covariance.reshape(-1, 4).T[[0, 1, 3]]
+        answer = np.zeros(count)
         extra = _FIRST_EXTRA_PX**2
         for _ in range(_ROUNDS):
-            information = _inverse(windows.covariance + extra * np.eye(2))
-            off = moved - design @ answer
-            distance = (off * (information @ off[..., None])[..., 0]).sum(axis=1)
+            information = _inverse(covariance + extra * _UNIT)
+            off = moved - (answer @ flat).reshape(moved.shape)
+            distance = (off * _product(information, off)).sum(axis=0)
             loss = np.clip(1.0 - distance / (4.0 * _OUTLIER**2), 0.0, 1.0) ** 2
-            weights = (loss * windows.trust)[:, None, None] * information
-            weighted = (weights @ design).reshape(flat.shape)
-            inverse = np.linalg.inv(flat.T @ weighted + 1e-9 * np.eye(design.shape[2]))
-            answer = inverse @ (weighted.T @ moved.reshape(-1))
+            weights = loss * windows.trust * information
+            weighted = _product(weights, design)
+            sums = weighted.reshape(flat.shape)
+            inverse = np.linalg.inv(sums @ flat.T + 1e-9 * np.eye(count))
+            answer = inverse @ (sums @ moved.reshape(-1))
             # windows differ by more than their noise: coloured edges add to it
             extra = max(1e-6, extra * float(np.median(distance)) / _MEDIAN_OF_CHI_SQUARED)
-        off = moved - design @ answer
-        turn = np.floor((np.arctan2(place[:, 1], place[:, 0]) / np.pi + 1.0) * 8.0)
+        off = moved - (answer @ flat).reshape(moved.shape)
+        turn = np.floor((np.arctan2(place[1], place[0]) / np.pi + 1.0) * 8.0)
         ring = np.floor(np.minimum(np.sqrt(square), 0.99) * 4.0)
+        radial = slice(2, 3 + cubic)
         return cls(
-            answer, inverse, ((weights @ design) * off[..., None]).sum(axis=1), weights,
-            off + design[:, :, 2 : 3 + cubic] @ answer[2 : 3 + cubic], turn * 4 + ring,
+            answer, inverse, (weighted * off).sum(axis=1), weights,
+            off + np.tensordot(answer[radial], design[radial], axes=1), turn * 4 + ring,
         )  # fmt: skip
 
     def error(self, of: Float64) -> float:
         """Standard error of a combination of the answer; neighbours may err alike [px]."""
         _, numbers = np.unique(self.clusters, return_inverse=True)
-        sums = np.zeros((numbers.max() + 1, len(of)))
-        np.add.at(sums, numbers, self.scores)
-        middle = sums.T @ sums
+        sums = np.stack([np.bincount(numbers, scores) for scores in self.scores])
+        middle = sums @ sums.T
         return float(np.sqrt(of @ self.inverse @ middle @ self.inverse @ of))
 
-    def share(self, here: Bool, model: Float64) -> float:
-        """Amplitude of the displacement `model` (N, 2) in the windows `here` [1]."""
-        told = np.einsum("ni,nij,nj->", model[here], self.weights[here], model[here])
-        seen = np.einsum("ni,nij,nj->", model[here], self.weights[here], self.moved[here])
-        return float(seen / told) if here.sum() >= _QUADRANT_WINDOWS and told > 0 else 0.0
+    def shares(self, parts: Sequence[Bool], model: Float64) -> list[float]:
+        """Amplitude of the displacement `model` (2, N) in each part of the windows [1]."""
+        weighted = _product(self.weights, model)
+        told, seen = ((weighted * by).sum(axis=0) for by in (model, self.moved))
+        return [
+            float(seen[here].sum() / told[here].sum())
+            if here.sum() >= _QUADRANT_WINDOWS and told[here].sum() > 0
+            else 0.0
+            for here in parts
+        ]

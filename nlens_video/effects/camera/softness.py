@@ -11,17 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Bool, Box, DefocusedLayer, Float32, Picture
-from nlens_video.effects.measurement import Measurement, middle_codes
-from nlens_video.stages.f_coc import still_run
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Int64, Picture
+from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.plate_pictures import PlatePictures
 
 EFFECT = "softness"
 THRESHOLD_PX = 1.0  # sigma: twice that of the renderer's own antialiasing
+_PICTURES = 4
 _BLURS_PX = (0.8, 1.4, 2.2)
 _DIFFERENCE_VARIANCE = 1 / 3  # a central difference averages the slope over two pixels [px^2]
 _LEAST_SLOPE = 0.02  # of an edge, code values by pixel
@@ -37,8 +37,9 @@ _BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on a shot's first pictures, at least one."""
-    still, _ = still_run([middle_codes(picture) for picture in pictures[:4]])
-    grey = cv2.cvtColor(np.asarray(np.mean(still, axis=0), np.float32), cv2.COLOR_RGB2GRAY)
+    still = PlatePictures.of(pictures).still()[0][:_PICTURES]
+    mean = sum(still[1:], start=still[0]) / np.float32(len(still))
+    grey = cv2.cvtColor(mean, cv2.COLOR_RGB2GRAY)
     sigma_px, evidence = _floor(np.asarray(grey, np.float32))
     height, width = pictures[0].height, pictures[0].width
     return Measurement(
@@ -51,17 +52,16 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 def _floor(grey: Float32) -> tuple[float, str]:
     """Sigma of the sharpest steps [px], 0 where they are sharp or unknown; the evidence."""
     slopes = [_slope(grey, blur) for blur in _BLURS_PX]
-    crest, steepness = _crest(*slopes[0][:2]), slopes[0][2]
-    first, second = (
-        _variance(fine[2], coarse[2], blurs)
-        for (fine, coarse), blurs in zip(pairwise(slopes), pairwise(_BLURS_PX), strict=True)
-    )
+    steepness = np.hypot(*slopes[0])
+    crest = _crest(*slopes[0], steepness)
+    fine, middle, coarse = (np.hypot(across[crest], down[crest]) for across, down in slopes)
+    first = _variance(fine, middle, _BLURS_PX[:2])
+    second = _variance(middle, coarse, _BLURS_PX[1:])
     share, few, sharp_px = _ANYTHING_SHARP
-    steep = crest & (steepness > max(_LEAST_SLOPE, float(np.quantile(steepness, share))))
+    steep = fine > float(np.quantile(steepness, share))
     if not steep.any() or np.quantile(first[steep], few) < sharp_px**2:
         return 0.0, "the sharpest edges of the plate are sharp"
-    step = crest & (steepness > _LEAST_SLOPE)
-    step &= np.abs(first - second) < _AGREEMENT * (np.maximum(first, 0.0) + 0.3)
+    step = np.abs(first - second) < _AGREEMENT * (np.maximum(first, 0.0) + 0.3)
     if step.sum() < _LEAST_STEPS:
         return 0.0, "too few clear edges in the plate"
     variance = np.maximum(0.5 * (first + second)[step], 0.0)
@@ -71,28 +71,30 @@ def _floor(grey: Float32) -> tuple[float, str]:
     return sigma_px, f"sharpest of {int(step.sum())} edge pixels"
 
 
-def _slope(grey: Float32, blur_px: float) -> tuple[Float32, Float32, Float32]:
-    """Gradient along columns and rows, and its magnitude, of a blurred picture."""
+def _slope(grey: Float32, blur_px: float) -> tuple[Float32, Float32]:
+    """Gradient along columns and rows of a blurred picture."""
     blurred = cv2.GaussianBlur(grey, (0, 0), blur_px, borderType=cv2.BORDER_REFLECT)
     across, down = (
-        np.asarray(0.5 * cv2.Sobel(blurred, cv2.CV_32F, dx, 1 - dx, ksize=1), np.float32)
+        np.asarray(cv2.Sobel(blurred, cv2.CV_32F, dx, 1 - dx, ksize=1, scale=0.5), np.float32)
         for dx in (1, 0)
     )
-    return across, down, np.hypot(across, down)
+    return across, down
 
 
-def _crest(across: Float32, down: Float32) -> Bool:
-    """Pixels at which the gradient is greatest across its edge (H, W)."""
-    size = np.hypot(across, down)
-    padded = np.pad(size, 1, mode="edge")
-    flat = np.abs(across) >= np.abs(down)
-    before = np.where(flat, padded[1:-1, :-2], padded[:-2, 1:-1])
-    after = np.where(flat, padded[1:-1, 2:], padded[2:, 1:-1])
-    return np.asarray((size >= before) & (size > after))
+def _crest(across: Float32, down: Float32, steepness: Float32) -> tuple[Int64, Int64]:
+    """Rows and columns of the edges' pixels, at which the gradient is greatest across its edge."""
+    row, column = np.nonzero(steepness > _LEAST_SLOPE)
+    size = steepness[row, column]
+    flat = (np.abs(across[row, column]) >= np.abs(down[row, column])).astype(np.int64)
+    padded = np.pad(steepness, 1, mode="edge")
+    before = padded[row + flat, column + 1 - flat]
+    after = padded[row + 2 - flat, column + 1 + flat]
+    greatest = (size >= before) & (size > after)
+    return row[greatest], column[greatest]
 
 
-def _variance(fine: Float32, coarse: Float32, blurs_px: tuple[float, float]) -> Float32:
-    """Variance of an edge's own blur from its slope under two further ones (H, W) [px^2]."""
+def _variance(fine: Float32, coarse: Float32, blurs_px: tuple[float, ...]) -> Float32:
+    """Variance of an edge's own blur from its slope under two further ones (N,) [px^2]."""
     squared = np.square(fine / np.maximum(coarse, 1e-6))
     first, second = blurs_px
     with np.errstate(divide="ignore", invalid="ignore"):

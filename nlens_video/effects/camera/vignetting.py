@@ -20,6 +20,7 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
 from nlens_video.core.optics import Vignetting
 from nlens_video.effects.camera.radial_fit import Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.plate_pictures import PlatePictures
 
 EFFECT = "vignetting"
 THRESHOLD_STOPS = 0.2
@@ -28,14 +29,12 @@ _CELLS = 48  # across the picture
 _DARKEST = 0.004  # light below which noise decides [1]
 _BRIGHTEST = 0.95
 _MS_PER_MEGAPIXEL = 12.0
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
-    light = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
-    fit = fit_radial(_slopes(light), corner=(0.5, 0.25))
+    fit = fit_radial(_slopes(PlatePictures.of(pictures).light()), corner=(0.5, 0.25))
     scene = float(np.sqrt(np.mean(np.square(fit.others)))) if fit.others else math.inf
     model = None
     if fit.consistent and fit.at_corner > LEAST_RATIO * scene:
