@@ -78,31 +78,39 @@ def _segment(t: Float64, radius: Float64) -> Float64:
 
 def _corner_area(x: Float64, y: Float64) -> Float64:
     """Area of a centred unit circle within [0, x] by [0, y], both >= 0."""
-    one = np.ones((1, 1))
+    one = np.ones(1)
     x, y = np.minimum(x, one), np.minimum(y, one)
     flat = np.minimum(np.sqrt(np.maximum(one - y * y, 0.0)), x)
     return np.asarray(y * flat + _segment(x, one) - _segment(flat, one))
 
 
 def round_coverage(rx: float, ry: float) -> Float64:
-    """Weights of an ellipse at a pixel's centre: exact areas over its own area.
+    """Weights of an ellipse at a pixel's centre, as of `round_coverages` for one (rows, columns)."""
+    return np.asarray(round_coverages(np.array([rx]), np.array([ry]))[0])
+
+
+def round_coverages(rx: Float64, ry: Float64) -> Float64:
+    """Weights of ellipses at a pixel's centre: exact areas over their own areas.
 
     Args:
-        rx: half axis in columns, > 0 [px].
-        ry: half axis in rows, > 0 [px].
+        rx: half axes in columns (K,), > 0 [px].
+        ry: half axes in rows (K,), > 0 [px].
 
     Returns:
-        Weights (2 * ceil(ry - 0.5) + 1, 2 * ceil(rx - 0.5) + 1), their sum is 1.
+        Weights (K, 2 * ceil(max(ry) - 0.5) + 1, 2 * ceil(max(rx) - 0.5) + 1), the sum of each is 1.
     """
-    # A quarter, scaled to a unit circle. Edges run from the centre and halve the middle pixel.
-    x = np.concatenate([[0.0], np.arange(reach(rx) + 1) + 0.5]) / rx
-    y = np.concatenate([[0.0], np.arange(reach(ry) + 1) + 0.5]) / ry
-    area = np.diff(np.diff(_corner_area(x[None, :], y[:, None]), axis=0), axis=1) / math.pi
-    area[0] *= 2.0
+    # A quarter, scaled to unit circles. Edges run from the centre and halve the middle pixel.
+    x, y = (
+        np.concatenate([[0.0], np.arange(reach(float(half.max())) + 1) + 0.5]) / half[:, None]
+        for half in (rx, ry)
+    )
+    corners = _corner_area(x[:, None, :], y[:, :, None])
+    area = np.diff(np.diff(corners, axis=1), axis=2) / math.pi
     area[:, 0] *= 2.0
+    area[:, :, 0] *= 2.0
     quarter = np.maximum(area, 0.0)
-    half = np.concatenate([quarter[:0:-1], quarter])
-    return np.concatenate([half[:, :0:-1], half], axis=1)
+    half = np.concatenate([quarter[:, :0:-1], quarter], axis=1)
+    return np.concatenate([half[:, :, :0:-1], half], axis=2)
 
 
 def coverage(
@@ -175,6 +183,10 @@ def _picture_coverage(light: Float64, rx: float, ry: float) -> Float64:
 def _stamps(aperture: Aperture, pixel_aspect: float, largest_px: float, steps: int) -> Float32:
     """Stamps by radius, one side of the focus."""
     count = int(largest_px * steps) + 2
+    if aperture.image is None and aperture.blades == 0:  # all at once, which is quicker
+        radii = np.arange(count) / steps
+        both = fitted_radii(radii), fitted_radii(radii * pixel_aspect)
+        return round_coverages(*both).astype(np.float32)
     stamps = [coverage(aperture, index / steps, pixel_aspect) for index in range(count)]
     rows = max(stamp.shape[0] for stamp in stamps)
     columns = max(stamp.shape[1] for stamp in stamps)
