@@ -12,8 +12,10 @@ def main() -> int:
     """Run the program; an interrupt that comes while it is still loading ends it at once."""
     if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         _signal.signal(_signal.SIGINT, _end)
-    from nlens_video.cli.main import main as run  # here: loading takes a while
+    from nlens_video.cli.loading import loading
 
+    with loading():
+        from nlens_video.cli.main import main as run  # here: loading takes a while
     return run()
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from nlens_video.cli.completion import complete, print_completion
 from nlens_video.cli.doctor import require_memory
 from nlens_video.cli.library_defaults import set_library_defaults
+from nlens_video.cli.loading import loading
 from nlens_video.cli.output_files import check_outputs, drop_protocol
 from nlens_video.core import signals
 from nlens_video.core.errors import MissingCameraError, NlensError, ReaderGone, UsageError
@@ -118,8 +119,8 @@ def _run(argv: list[str]) -> int:
         shot_writer.save(args.save_shot, args.given)
     if args.command in _SIDE_COMMANDS:
         return _SIDE_COMMANDS[args.command](args)
-    from nlens_video.cli.console import Console
-
+    with loading():
+        from nlens_video.cli.console import Console
     console = Console(
         quiet=args.quiet,
         verbose=args.verbose,
@@ -154,8 +155,8 @@ def _dispatch(args: Namespace, console: Console) -> int:
 
 def _composite(args: Namespace, console: Console) -> int:
     """The commands that composite, or find the lens: `render`, `farm`, `fit`."""
-    from nlens_video.video.input.open import can_be_read_again
-
+    with loading():
+        from nlens_video.video.input.open import can_be_read_again
     settings = to_settings.settings(args)
     again = args.command != "farm" and can_be_read_again(settings.source.spec)
     if settings.scale.given and not again:
@@ -186,8 +187,8 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         if args.resume:
             return farm_commands.run_resumable(args, settings, console)
         return farm_commands.run_chunk(settings, Path(args.output), console)
-    from nlens_video.run.first_look import begun_look
-
+    with loading():
+        from nlens_video.run.first_look import begun_look
     if args.command == "fit":
         from nlens_video.run.find_fit import find_fit
         from nlens_video.run.observers import check_sidecars
@@ -197,9 +198,9 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         check_sidecars(str(found.path), found.missing)
         return 0
     with begun_look(settings) as look:  # while the rest of the program is imported
-        from nlens_video.run.observers import check_sidecars
-        from nlens_video.run.render import render
-
+        with loading():
+            from nlens_video.run.observers import check_sidecars
+            from nlens_video.run.render import render
         with console.progress_bar() as on_progress:
             outcome = render(settings, on_progress, look=look)
     console.outcome(outcome)
