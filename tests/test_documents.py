@@ -8,7 +8,8 @@ import pytest
 from support.folders import ROOT
 
 from nlens_video.graph.diagram import mermaid
-from nlens_video.graph.pipeline_file import FORMER_NAMES, NODES, load_pipeline
+from nlens_video.graph.node_registry import NODES
+from nlens_video.graph.pipeline_file import FORMER_NAMES, load_pipeline
 from nlens_video.options.parser import COMMANDS, parser_of
 
 PAGES = [

@@ -15,42 +15,18 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib import import_module, resources
-from importlib.util import find_spec
+from importlib import resources
 from pathlib import Path
-from pkgutil import ModuleInfo, iter_modules
-from types import ModuleType
 
-from nlens_video import effects
 from nlens_video.core.errors import UsageError
-from nlens_video.graph import nodes as node_modules
 from nlens_video.graph.base.node import LANES, Node
 from nlens_video.graph.base.values import GIVEN
+from nlens_video.graph.node_registry import NODES
 
 _KEYS = {"summary", "nodes"}
 _NODE_KEYS = ("node", "fallback_for")
 
-
-def _node_classes() -> Iterator[type[Node]]:
-    modules = [module.name for module in _submodules(node_modules)]
-    for folder in _submodules(effects):  # an effect with a folder of its own brings its node
-        if folder.ispkg and find_spec(f"{folder.name}.node") is not None:
-            modules.append(f"{folder.name}.node")
-    for module in map(import_module, modules):
-        for value in vars(module).values():
-            own = inspect.isclass(value) and value.__module__ == module.__name__
-            if own and issubclass(value, Node):
-                yield value
-
-
-def _submodules(package: ModuleType) -> Iterator[ModuleInfo]:
-    return iter_modules(package.__path__, f"{package.__name__}.")
-
-
-NODES: dict[str, type[Node]] = {cls.name: cls for cls in _node_classes()}
-"""The nodes that a pipeline file can name: subclasses of `Node` in `graph/nodes` and `effects`."""
 
 FORMER_NAMES = {
     "locate": "object-bounds",
@@ -262,7 +238,7 @@ def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
 def _current_name(table: dict[str, object], path: Path) -> str:
     stage = table.get("stage")
     name = FORMER_NAMES.get(stage, stage) if isinstance(stage, str) else None
-    if name not in NODES:
+    if name is None or name not in NODES:
         raise UsageError(f"{path}: no stage {stage!r}; there are {', '.join(FORMER_NAMES)}")
     return name
 

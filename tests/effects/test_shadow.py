@@ -13,9 +13,9 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import hemisphere, surface_points
-from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
-from nlens_video.effects.shadow.blocked import reached
+from nlens_video.effects.shadow.ambient import blurred, hemisphere, surface_points
+from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
+from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.casters import (
     CasterCache,
@@ -387,6 +387,22 @@ def test_shadow_towards_the_camera_reaches_no_ground_beyond_the_body():
     assert (box.y0, box.y1) == (pytest.approx(farthest, abs=1.0), PORTRAIT.y1)
 
 
+def test_lamps_drawn_together_block_what_each_blocks_alone():
+    rng = np.random.default_rng(1)
+    lights = [
+        np.column_stack([rng.uniform(-0.5, 0.5, (count, 3)) + (0.0, height, 0.0), np.zeros(count)])
+        for count, height in ((7, 1.0), (5, 0.4), (9, 1.0))  # some from below the ground
+    ]
+    one = Occluder.of(Casters(CARD, FACES, edges_of(FACES)), looking_down(), 0.0)
+    other = Occluder.of(Casters(CARD + 0.3, FACES, edges_of(FACES)), looking_down(), 0.0)
+    together = [Query(own, len(own), grid) for grid in [Grid.on(FRAME, 1)] for own in lights]
+    found = hidden_shares([one, None, other], together, 2)
+    for query, share in zip(together, found, strict=True):
+        alone = Query(query.lights, query.count, Grid.on(FRAME, 1))
+        assert share.max() > 0.1
+        assert np.array_equal(share, hidden_shares([one, None, other], [alone], 1)[0])
+
+
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
 def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
@@ -459,6 +475,18 @@ def test_contact_darkening_shows_no_pattern_of_its_directions():
         return float(np.abs(np.diff(shadow, n=2, axis=1)).max())
 
     assert roughness(few) < 2.0 * roughness(many) + 1e-3
+
+
+@pytest.mark.parametrize("width", [1, 2, 40, 211, 400])
+def test_blur_against_the_pattern_is_gaussian_for_kernels_of_any_width(width):
+    share = np.random.default_rng(1).random((20, width), np.float32)
+    for octave in range(1, 8):
+        sigma = 0.7 * 2.0 ** (octave - 1)
+        level = np.full_like(share, octave)
+        wanted = cv2.GaussianBlur(
+            share, (0, 0), sigmaX=sigma, sigmaY=0.3 * sigma, borderType=cv2.BORDER_REPLICATE
+        )
+        assert blurred(share, level, 0.3) == pytest.approx(wanted, abs=2e-6)
 
 
 def test_samples_of_the_sky_are_denser_where_it_is_brighter():

@@ -7,7 +7,7 @@ import pytest
 from nlens_video.core.layers import Box
 from nlens_video.graph.base.node import Condition, Node, port_type, ports_of
 from nlens_video.graph.base.values import FrameValues
-from nlens_video.graph.pipeline_file import NODES
+from nlens_video.graph.node_registry import NODES
 
 if TYPE_CHECKING:
     from nlens_video.core.layers import BlurredLayer, DefocusedLayer, ObjectLayer, Picture

@@ -3,7 +3,8 @@
 import pytest
 
 from nlens_video.core.errors import UsageError
-from nlens_video.graph.pipeline_file import FORMER_NAMES, NODES, load_pipeline, shipped_pipelines
+from nlens_video.graph.node_registry import NODES
+from nlens_video.graph.pipeline_file import FORMER_NAMES, load_pipeline, shipped_pipelines
 
 FORMER_NODE = """
 [[node]]

@@ -3,8 +3,8 @@
 import threading
 
 from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.node_registry import NODES
 from nlens_video.graph.nodes.warm_up import WarmUp
-from nlens_video.graph.pipeline_file import NODES
 from nlens_video.kernels.scatter.disc import tables
 
 

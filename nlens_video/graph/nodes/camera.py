@@ -1,4 +1,4 @@
-"""Nodes of the camera's effects beside defocus, such as exposure, lens distortion and grain."""
+"""Nodes of the camera's effects beside defocus and exposure, such as lens distortion and grain."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ from nlens_video.effects.camera.distortion_apply import (
 from nlens_video.effects.camera.grain import AddGrain
 from nlens_video.effects.camera.softness import missing_sigma, soften
 from nlens_video.effects.camera.vignetting import vignette
-from nlens_video.effects.exposure import MeasureExposure as Measure
-from nlens_video.effects.exposure import match_exposure
-from nlens_video.effects.planner import EXPOSURE
 from nlens_video.graph.base.node import Node, Unavailable
 
 if TYPE_CHECKING:
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
     from nlens_video.core.optics import Aberration, Bloom, Vignetting
     from nlens_video.effects.camera.grain import GrainModel
     from nlens_video.effects.camera.softness import SharpnessFloor
-    from nlens_video.effects.exposure import Exposure
     from nlens_video.effects.measurement import Measurement
     from nlens_video.effects.shadow.apply import Shadow
     from nlens_video.graph.base.context import NodeContext
@@ -67,31 +63,6 @@ class Vignette(Node):
 
     def __call__(self, blurred: BlurredLayer, frame_box: Box) -> BlurredLayer:
         return vignette(blurred, self._model, frame_box)
-
-
-class MeasureExposure(Node):
-    """Exposure drift: gain per channel of each frame relative to the first."""
-
-    name, writes = "exposure", "exposure"
-    effect, stateful = EXPOSURE, True
-
-    def __init__(self, context: NodeContext) -> None:
-        self._measure = Measure()
-        self.description = "median ratio of small pictures, per channel"
-
-    def __call__(self, picture: Picture) -> Exposure | None:
-        return self._measure(picture)
-
-
-class MatchExposure(Node):
-    """Exposure drift applied to the object."""
-
-    name, writes = "match-exposure", "blurred"
-    effect, lane = EXPOSURE, "composite"
-    description = "gains, where mid grey changes by 1 to 2 levels or more"
-
-    def __call__(self, blurred: BlurredLayer, exposure: Exposure) -> BlurredLayer:
-        return match_exposure(blurred, exposure)
 
 
 class BloomNode(Node):
