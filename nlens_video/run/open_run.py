@@ -25,6 +25,7 @@ from nlens_video.graph.session import Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.run.lens_request import lens_request
 from nlens_video.run.plate_source import frame_s, opened
+from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -129,6 +130,7 @@ def take_in(
     passes: ShotPasses = ShotPasses(),
     *,
     chunks: ChunkFeed | None = None,
+    scene: Scene | None = None,
 ) -> RunInput:
     """Build the graph for a source that is open.
 
@@ -138,6 +140,7 @@ def take_in(
         profiler: times the run.
         passes: what is known of the shot beforehand.
         chunks: frames to render in place of the settings' range.
+        scene: the objects' files, where they are loaded already.
 
     Raises:
         NlensError: as `run.render`.
@@ -150,7 +153,7 @@ def take_in(
     frames = (
         FrameRange(source, settings.source.frames) if chunks is None else ChunkRange(source, chunks)
     )
-    session = _assembled(settings, source.info, profiler, frames, passes)
+    session = _assembled(settings, source.info, profiler, frames, passes, scene)
     frames.on_skipped = session.executor.observe_skipped
     if isinstance(source, SeekableSource) and not session.graph.stateful:
         frames.skip_to = source.skip_to
@@ -170,6 +173,7 @@ def _assembled(
     profiler: Profiler,
     frames: SourceSlice,
     passes: ShotPasses,
+    scene: Scene | None,
 ) -> Session:
     lens = lens_request(settings, info, passes.track, passes.others)
     most = MOST_PICTURES if _may_wait(info) else 1
@@ -180,7 +184,8 @@ def _assembled(
         again,
         passes.survey,
     )
-    return open_session(settings.scene, lens, view_of(settings, info), profiler, plate)
+    view = view_of(settings, info)
+    return open_session(settings.scene, lens, view, profiler, plate, scene=scene)
 
 
 def read_again(given: SourceSettings, info: SourceInfo) -> ReadAgain | None:

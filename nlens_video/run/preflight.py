@@ -102,12 +102,15 @@ def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
         LensFit.load(settings.fit)
 
 
-def check_shot(settings: Settings, info: SourceInfo) -> None:
+def check_shot(settings: Settings, info: SourceInfo) -> Scene:
     """Check that the plate has the range and that the object is in view.
 
     Args:
         settings: the run.
         info: the plate.
+
+    Returns:
+        The objects' files, from `load_scene`.
 
     Raises:
         UsageError: the range lies behind the plate's end, or a place makes no sense.
@@ -119,13 +122,15 @@ def check_shot(settings: Settings, info: SourceInfo) -> None:
     if known is not None and _ESTIMATE * first - 2 > known:
         raise UsageError(f"{_no_such_frames(settings)}; it has about {known}")
     objects = settings.scene
-    staged = stage(objects, load_scene(objects), view_of(settings, info))
+    loaded = load_scene(objects)
+    staged = stage(objects, loaded, view_of(settings, info))
     scene, view = staged.scene, staged.view
     _check_files(objects)
     if objects.footprint is not None:
         scene.triangles(0.0, objects.footprint)
     if _is_whole(settings, info) and objects.layers is None:
         _check_in_view(objects, scene, view, info)
+    return loaded
 
 
 def _check_files(objects: ObjectSettings) -> None:

@@ -114,14 +114,16 @@ def render(
     changed = False
     with ExitStack() as stack:
         source = stack.enter_context(opened(settings.source))
-        if chunks is None:
-            check_shot(settings, source.info)
+        scene = check_shot(settings, source.info) if chunks is None else None
         part = part_of(source.info, settings.source.frames)
         sink = open_result(output, part, settings.source, chunks)
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        run_input = take_in(source, settings, profiler, passes(settings, look), chunks=chunks)
+        found_before = passes(settings, look)
+        run_input = take_in(
+            source, settings, profiler, found_before, chunks=chunks, scene=scene
+        )  # fmt: skip
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
         step = frame_s(source.info)
