@@ -13,7 +13,7 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import blurred, hemisphere, surface_points
+from nlens_video.effects.shadow.ambient import hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.cast import CastShadow, Moment
@@ -475,18 +475,6 @@ def test_contact_darkening_shows_no_pattern_of_its_directions():
         return float(np.abs(np.diff(shadow, n=2, axis=1)).max())
 
     assert roughness(few) < 2.0 * roughness(many) + 1e-3
-
-
-@pytest.mark.parametrize("width", [1, 2, 40, 211, 400])
-def test_blur_against_the_pattern_is_gaussian_for_kernels_of_any_width(width):
-    share = np.random.default_rng(1).random((20, width), np.float32)
-    for octave in range(1, 8):
-        sigma = 0.7 * 2.0 ** (octave - 1)
-        level = np.full_like(share, octave)
-        wanted = cv2.GaussianBlur(
-            share, (0, 0), sigmaX=sigma, sigmaY=0.3 * sigma, borderType=cv2.BORDER_REPLICATE
-        )
-        assert blurred(share, level, 0.3) == pytest.approx(wanted, abs=2e-6)
 
 
 def test_samples_of_the_sky_are_denser_where_it_is_brighter():

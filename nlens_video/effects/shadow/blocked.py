@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -45,10 +45,10 @@ def reached(occluder: Occluder, lights: Float64, seen: Box) -> Box:
         return Box(0, 0, 0, 0)
     if ((lights[:, 3] > 0.0) & (lights[:, 1] <= bounds[1, 1])).any():
         return seen  # nothing bounds the shadow of what is as high as a lamp
-    corners = np.array([[*corner, 1.0] for corner in product(*bounds.T)])
+    corners = np.array([*product(*bounds.T.tolist(), [1.0])])
     matrices = project_along_light(lights, ground_y, occluder.camera)
     columns, rows = _before_camera(corners @ matrices.swapaxes(1, 2))
-    if not len(columns):
+    if not columns.size:
         return Box(0, 0, 0, 0)
     return Box(
         math.floor(max(columns.min(), seen.x0)), math.floor(max(rows.min(), seen.y0)),
@@ -57,13 +57,15 @@ def reached(occluder: Occluder, lights: Float64, seen: Box) -> Box:
 
 
 def _before_camera(places: Float64) -> tuple[Float64, Float64]:
-    """Columns and rows (M,) that bound what of boxes' projections lies before the camera [px].
+    """Columns and rows (...) that bound what of boxes' projections lies before the camera [px].
 
     Args:
         places: homogeneous corners of the boxes (N, 8, 3), in the order of `product`.
     """
-    nearest = _NEAREST * np.abs(places[..., 2]).max(axis=1)[:, None]
-    ahead = places[..., 2] - nearest  # (N, 8)
+    depths = places[..., 2]
+    if depths.min() > _NEAREST * depths.max():  # all of them
+        return places[..., 0] / depths, places[..., 1] / depths
+    ahead = depths - _NEAREST * np.abs(depths).max(axis=1)[:, None]  # (N, 8)
     one, other = (places[:, ends] for ends in _BOX_EDGES.T)
     a, b = (ahead[:, ends] for ends in _BOX_EDGES.T)
     crosses = (a > 0.0) != (b > 0.0)
@@ -73,35 +75,71 @@ def _before_camera(places: Float64) -> tuple[Float64, Float64]:
     return column / depth, row / depth
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Samples of lights whose shadows at one moment are drawn together.
+
+    Attributes:
+        occluder: casts them.
+        grid: the pixels.
+        samples: numbers of the query and of the sample, at most `PROJECTIONS` of them.
+        lights: the samples (N, 4).
+        matrices: their projections on the grid (N, 3, 4).
+    """
+
+    occluder: Occluder
+    grid: Grid
+    samples: list[tuple[int, int]]
+    lights: Float64
+    matrices: Float64
+
+
 def hidden_shares(
     occluders: Sequence[Occluder | None], queries: Sequence[Query], threads: int | None
 ) -> list[Float32]:
     """Share of each query's light that is blocked, on its grid.
 
     Samples of the light take turns with temporal samples (None: nothing above the ground), so the
-    mean over moments costs no more than one moment.
+    mean over moments costs no more than one moment. Queries with the same grid are drawn together.
     """
-    # samples of one moment go together: they share its triangles
-    work = [
-        (number, moment, first)
-        for number, one in enumerate(queries)
-        for moment in range(len(occluders))
-        for first in range(moment, len(one.lights), len(occluders) * PROJECTIONS)
+    parts = [
+        part
+        for grid in dict.fromkeys(one.grid for one in queries)
+        for turn, occluder in enumerate(occluders)
+        if occluder is not None
+        for part in _parts(queries, grid, occluder, slice(turn, None, len(occluders)))
     ]
-    done: dict[tuple[int, int, int], Float32 | Bits] = {}
+    counts: dict[_Part, dict[int, Float32 | Bits]] = {}
 
-    def count(part: tuple[int, int, int]) -> None:
-        number, moment, first = part
-        query, occluder = queries[number], occluders[moment]
-        if occluder is not None:
-            samples = range(first, len(query.lights), len(occluders))[:PROJECTIONS]
-            done[part] = _counts(occluder, query, samples)
+    def count(part: _Part) -> None:
+        counts[part] = _counts(part)
 
-    parallel_for(count, work, threads)
+    parallel_for(count, parts, threads)
     return [
-        _share(one, [done[part] for part in work if part[0] == number and part in done])
+        _share(one, [counts[part][number] for part in parts if number in counts[part]])
         for number, one in enumerate(queries)
     ]
+
+
+def _parts(
+    queries: Sequence[Query], grid: Grid, occluder: Occluder, chosen: slice
+) -> Iterator[_Part]:
+    """Some samples of all queries on a grid, as far as they lie above the ground.
+
+    Those of one moment go together: they share its triangles.
+    """
+    samples, lights = [], [np.zeros((0, 4))]
+    for number, query in enumerate(queries):
+        if query.grid is grid:
+            own = np.arange(len(query.lights))[chosen]
+            own = own[query.lights[own, 1] > query.lights[own, 3] * occluder.ground_y]
+            samples += [(number, n) for n in own.tolist()]
+            lights.append(query.lights[own])
+    together = np.concatenate(lights)
+    matrices = project_along_light(together, occluder.ground_y, grid.view(occluder.camera))
+    for first in range(0, len(samples), PROJECTIONS):
+        some = slice(first, first + PROJECTIONS)
+        yield _Part(occluder, grid, samples[some], together[some], matrices[some])
 
 
 def _share(query: Query, counts: Sequence[Float32 | Bits]) -> Float32:
@@ -114,31 +152,36 @@ def _share(query: Query, counts: Sequence[Float32 | Bits]) -> Float32:
     return np.asarray((part + whole) / np.float32(query.count), dtype=np.float32)
 
 
-def _counts(occluder: Occluder, query: Query, samples: Sequence[int]) -> Float32 | Bits:
-    """Number of blocked samples (h, w) among some of a query, at most `PROJECTIONS`."""
-    height, width = query.grid.shape
-    view = query.grid.view(occluder.camera)
-    above = [n for n in samples if query.lights[n][1] > query.lights[n][3] * occluder.ground_y]
-    matrices = project_along_light(query.lights[above], occluder.ground_y, view)
+def _counts(part: _Part) -> dict[int, Float32 | Bits]:
+    """Number of blocked samples (h, w) of each query that has some in a part."""
+    occluder = part.occluder
     projections = [
         (bit, matrix, (((n + 1) * R2[0]) % 1.0, ((n + 1) * R2[1]) % 1.0))
-        for bit, (n, matrix) in enumerate(zip(above, matrices, strict=True))
+        for bit, ((_, n), matrix) in enumerate(zip(part.samples, part.matrices, strict=True))
     ]
-    bits = np.zeros((height, width), np.uint8)
-    for below, alike in _by_mesh(occluder.opaque, query.lights[above], projections):
+    bits = np.zeros(part.grid.shape, np.uint8)
+    for below, alike in _by_mesh(occluder.opaque, part.lights, projections):
         mark_covered(bits, (below.vertices, below.faces, below.edges), alike)
+    marks = dict[int, int]()  # bits of each query
+    for bit, (query, _) in enumerate(part.samples):
+        marks[query] = marks.get(query, 0) | 1 << bit
+    opaque = {query: np.bitwise_count(bits & np.uint8(own)) for query, own in marks.items()}
     if not occluder.transparent:
-        return np.bitwise_count(bits)
-    absorption = no_absorption(height, width)
-    for number, (bit, matrix, at) in zip(above, projections, strict=True):
-        light = query.lights[number]
+        return opaque
+    absorptions = {query: no_absorption(*part.grid.shape) for query in marks}
+    for (query, n), light, (bit, matrix, at) in zip(
+        part.samples, part.lights, projections, strict=True
+    ):
         for whole, opacity in occluder.transparent:
             mesh = whole if light[3] == 0.0 else whole.below(light[1])
             points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
             surface = np.ascontiguousarray(mesh.vertices[:, 3:])
             texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
-            absorb(absorption, (bits, bit), points, surface, mesh.faces, texture, number + 1, at)
-    return np.bitwise_count(bits).astype(np.float32) + absorption.taken
+            absorb(absorptions[query], (bits, bit), points, surface, mesh.faces, texture, n + 1, at)
+    return {
+        query: count.astype(np.float32) + absorptions[query].taken
+        for query, count in opaque.items()
+    }
 
 
 def _by_mesh(

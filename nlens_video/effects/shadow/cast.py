@@ -98,23 +98,25 @@ class CastShadow:
         frame = Box(0, 0, camera.width, camera.height)
         _, most = ground_blur(camera, ground_y, frame, fit)
         seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
-        boxes = [
-            reduce(Box.union, (reached(occluder, own.points, seen) for occluder in standing))
-            for own in sources
-        ]
-        lit = reduce(Box.union, boxes[: len(lamps)], Box(0, 0, 0, 0))
+
+        def reach(points: Float64) -> Box:
+            return reduce(Box.union, (reached(occluder, points, seen) for occluder in standing))
+
+        soft = {one: reach(one.points) for one in sources if one.soft}
+        # lamps with sharp shadows share a grid, so that they are drawn together
+        sharp = [np.zeros((0, 4)), *(one.points for one in sources if not one.soft)]
+        of_lamps = (soft[one] for one in sources[: len(lamps)] if one.soft)
+        lit = reduce(Box.union, of_lamps, reach(np.concatenate(sharp)))
         least, _ = ground_blur(camera, ground_y, lit, fit)
         step = coarsest_step(least)
-        grids = [
-            _coarse_grid(box, step) if one.soft else Grid.on(lit, step)
-            for one, box in zip(sources, boxes, strict=True)
-        ]
+        fine = Grid.on(lit, step)
+        grids = [_coarse_grid(soft[one], step) if one.soft else fine for one in sources]
         queries = [
             Query(one.points, one.count, grid) for one, grid in zip(sources, grids, strict=True)
         ]
         hidden = hidden_shares(occluders, queries, self.threads)
         shares = [_Share(share, grid) for share, grid in zip(hidden, grids, strict=True)]
-        surface = _surface(standing[len(standing) // 2]) if any(o.soft for o in sources) else None
+        surface = _surface(standing[len(standing) // 2]) if soft else None
         if surface is not None:
             shares = [
                 share.softened(camera, ground_y, surface, own) if own.soft else share

@@ -270,8 +270,10 @@ def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Flo
     camera for points below the light.
     """
     plane = np.array([0.0, 1.0, 0.0, -ground_y])
-    away = (lights @ plane)[:, None, None] * np.eye(4) - lights[:, :, None] * plane
     intrinsics = np.array(
         [[camera.fx, 0.0, -camera.cx], [0.0, -camera.fy, -camera.cy], [0.0, 0.0, -1.0]]
     )
-    return np.asarray(intrinsics @ camera.camera_from_world[:3] @ away)
+    screen = intrinsics @ camera.camera_from_world[:3]
+    # on the ground a point p lies at (light . plane) p - (p . plane) light
+    own = (lights @ plane)[:, None, None] * screen
+    return np.asarray(own - (lights @ screen.T)[:, :, None] * plane)
