@@ -85,7 +85,7 @@ def _corner_area(x: Float64, y: Float64) -> Float64:
 
 
 def round_coverage(rx: float, ry: float) -> Float64:
-    """Weights of an ellipse at a pixel's centre, as of `round_coverages` for one (rows, columns)."""
+    """Weights of an ellipse at a pixel's centre (rows, columns), as of `round_coverages`."""
     return np.asarray(round_coverages(np.array([rx]), np.array([ry]))[0])
 
 
