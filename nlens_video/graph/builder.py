@@ -23,6 +23,7 @@ from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
+from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.networks.device import DeviceChoice
@@ -71,10 +72,7 @@ def open_dependencies(
             view,
         )  # fmt: skip
     occlusion, _ = opening.result()
-    if "distortion" in effects.measured:
-        from nlens_video.graph.nodes.camera import overscan_px
-
-        view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
+    view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance
     context = NodeContext(

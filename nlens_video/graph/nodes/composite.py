@@ -21,6 +21,7 @@ from nlens_video.effects.occlusion import (
 )
 from nlens_video.effects.occlusion_cues import MovingThings
 from nlens_video.effects.planner import OCCLUSION
+from nlens_video.effects.shadow.things import before_shadow
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.stages.composite import Foreground, composite
@@ -132,8 +133,6 @@ class ForegroundNode(Node):
                 share = self._coverage(occlusion_cue, surface, ground_region, fit, picture)
                 over_ground = over_shadow = foreground_matte(picture, ground_region, share)
             if isinstance(occlusion_cue, DepthMap) and shadow is not None and on_things:
-                from nlens_video.effects.shadow.things import before_shadow
-
                 before = before_shadow(occlusion_cue, surface, bounds.nearest, shadow)
                 share = self._by_depth(before, surface, ground_region, fit)
                 over_shadow = foreground_matte(picture, ground_region, share)
