@@ -120,10 +120,8 @@ def render(
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        found_before = passes(settings, look)
-        run_input = take_in(
-            source, settings, profiler, found_before, chunks=chunks, scene=scene
-        )  # fmt: skip
+        known = passes(settings, look)
+        run_input = take_in(source, settings, profiler, known, chunks=chunks, scene=scene)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
         step = frame_s(source.info)

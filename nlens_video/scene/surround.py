@@ -103,16 +103,17 @@ class Surround:
         solid = np.repeat(np.cos(up), columns, axis=1).reshape(-1)
         light = np.concatenate([small.reshape(-1, 3), np.ones((rows * columns, 1))], axis=1)
         weighted = np.asarray(light * solid[:, None], dtype=np.float32)
-        half = np.float32(0.5 * (max(roughness * roughness, _LEAST_ALPHA) ** 2 - 1.0))
+        slope = np.float32(0.5 * (max(roughness * roughness, _LEAST_ALPHA) ** 2 - 1.0))
         sources = np.asarray(sources, dtype=np.float32)
         targets = _texels(side).reshape(-1, 3).astype(np.float32)
         parts = []
         for some in np.array_split(targets, max(1, len(targets) * len(solid) // _AT_ONCE)):
             cosine = some @ sources
             np.maximum(cosine, 0.0, out=cosine)
-            # Trowbridge and Reitz's microfacets; the one that mirrors halves the angle
-            spread = cosine * half
-            spread += half + np.float32(1.0)
+            # Trowbridge and Reitz's microfacets; the one that mirrors halves the angle, and the
+            # square of its cosine is 0.5 + 0.5 * cosine. In place, which is several times quicker.
+            spread = cosine * slope
+            spread += slope + np.float32(1.0)
             spread *= spread
             cosine /= spread
             parts.append(cosine @ weighted)
