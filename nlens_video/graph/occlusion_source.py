@@ -30,8 +30,8 @@ def open_occlusion_source(
         view: how the plate's frames see it.
         estimate: F.
         again: reads the shot, None where it can be read only once or occlusion is not wanted.
-        seen: waits for what is as of `find_moving_foreground`.
-        light: likewise.
+        seen: waits for the shot as it was looked at before, see `find_moving_foreground`.
+        light: what may tell a sun, see there.
         asked_for: whether the effect is requested by name: the plate's CoC is the last resort.
 
     Returns:

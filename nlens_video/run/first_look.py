@@ -95,7 +95,7 @@ def first_look(settings: Settings, left: Event | None = None) -> FirstLook | Non
         left: set as soon as nobody waits for the look any more.
 
     Returns:
-        What was seen; None where a run asks for neither, or gives the frames between two fits.
+        What was seen; None where a run asks for neither, or `track_focus` is an interval.
 
     Raises:
         NlensError: as `run.render`.

@@ -37,7 +37,8 @@ def passes(settings: Settings, begun: Callable[[], FirstLook | None] | None = No
 
     Args:
         settings: the run.
-        begun: waits for a first look that has begun already; default: it is taken.
+        begun: waits for a first look that has begun already; default: it is taken if the lens is
+            followed.
 
     Raises:
         NlensError: as `run.render`.
@@ -51,6 +52,7 @@ def passes(settings: Settings, begun: Callable[[], FirstLook | None] | None = No
 
 
 def _survey(look: Callable[[], FirstLook | None] | None) -> StillSurvey | None:
+    """What a look saw of what moves, once it is done; None without one."""
     seen = None if look is None else look()
     return None if seen is None else seen.survey
 

@@ -68,7 +68,10 @@ class SourceClock:
         return max(pts + self._shift, self._last + 1)
 
     def _fits_unshifted(self, pts: int) -> bool:
-        """Whether a time stamp follows the last frame better as it is than shifted."""
+        """Whether a time stamp [ticks] follows the last frame at least as well as shifted.
+
+        So one frame that is given again, with its old time, shifts none of those after it.
+        """
         following = self._last + self._step
         shifted = abs(pts + self._shift - following)
         return not self._is_leap(pts) and abs(pts - following) <= shifted

@@ -24,7 +24,10 @@ def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
 
 
 def _decoder(samples: Samples, to_display: Float32) -> Callable[[int, int, Float32], None]:
-    """Decodes the pixels from a column and row on into an array (h, w, 3)."""
+    """Decodes the pixels from a column and row on [px] into an array (h, w, 3).
+
+    What the samples have in common is looked up once for many boxes.
+    """
     maps = tables(samples.coding)
     axes = _axis(samples.across), _axis(samples.down)
 
