@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
-from nlens_video.effects.planner import OCCLUSION, Decision, EffectRequest
+from nlens_video.effects.planner import DEFOCUS, OCCLUSION, Decision, EffectRequest
 from nlens_video.graph.base.context import (
     CocEstimator,
     DepthOrder,
@@ -21,7 +21,8 @@ from nlens_video.graph.base.context import (
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.view import View
+from nlens_video.graph.base.view import View, bounds_near_frame
+from nlens_video.graph.begun_coc import begun_coc
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
@@ -58,10 +59,16 @@ def open_dependencies(
     """
     ground = shadow_scene(objects, scene)
     estimate_coc = estimate_coc or lazy_coc_estimator(view.pixel_aspect, device)
-    asked_for = EffectRequest.parse(lens.effects).asks_for(OCCLUSION)
-    simulated = any(spec.type.effect == OCCLUSION for spec in pipeline.nodes)
-    possible = simulated and OCCLUSION in EffectRequest.parse(lens.effects).possible
-    again = plate.again if possible else None
+    request = EffectRequest.parse(lens.effects)
+    simulated = {spec.type.effect for spec in pipeline.nodes}
+    possible = simulated.intersection(request.possible)
+    asked_for = request.asks_for(OCCLUSION)
+    again = plate.again if OCCLUSION in possible else None
+    if plate.begins_run and DEFOCUS in possible and lens.fit is None and objects.layers is None:
+        bounds = bounds_near_frame(scene, view, 0.0)
+        seen = bounds is not None and not bounds.box.intersection(view.box).empty
+        if seen and (pictures := plate.pictures()):
+            estimate_coc = begun_coc(estimate_coc, pictures)
     with ThreadPoolExecutor(1, "nlens-occlusion") as beside:  # while the effects are measured
         opening = beside.submit(
             open_occlusion_source, objects, scene, view, estimate_coc, again, plate.survey,
@@ -83,7 +90,6 @@ def open_dependencies(
         pixel_aspect=view.pixel_aspect,
         known_lens=lens.known,
         tagged_lens=lens.tagged,
-        other_samples=lens.others,
         fit_region=lens.fit_region,
         unit_m=view.unit_m,
         aperture=effects.aperture,

@@ -67,8 +67,7 @@ class LensRequest:
         optics: known vignetting and distortion.
         known: what is known of the lens beforehand.
         tagged: what the recording states of it.
-        track: the lens over the length of a file, where it changes, in the pixels of its frames.
-        others: samples of other frames for the fit, where the camera moves.
+        track: the lens over the length of a file, where that is given, in the pixels of its frames.
         fit_region: part of the frame whose ground tells the lens, None for all of it.
         live: whether a lens that changes is followed as frames come.
         hold_budget: whether quality adapts to keep the frame budget.
@@ -87,7 +86,6 @@ class LensRequest:
     known: KnownLens = UNKNOWN_LENS
     tagged: KnownLens = UNKNOWN_LENS
     track: FitTrack | None = None
-    others: tuple[FitSamples, ...] = ()
     fit_region: Region | None = None
     live: bool = False
     hold_budget: bool = False
@@ -105,6 +103,19 @@ class LensRequest:
         return assumed_shutter(self.frame_s)
 
 
+@dataclass(frozen=True, slots=True)
+class LensPasses:
+    """What passes over a file have told of its lens before a run.
+
+    Attributes:
+        track: the lens over the length of the file, where it changes, in the pixels of its frames.
+        others: samples of other frames for the fit, where the camera moves.
+    """
+
+    track: FitTrack | None = None
+    others: tuple[FitSamples, ...] = ()
+
+
 @dataclass(slots=True)
 class PlatePreview:
     """A shot's first pictures, before a frame is composited, and what was measured on them.
@@ -116,12 +127,14 @@ class PlatePreview:
         first: number of the frame that the time of measuring is counted to [1].
         again: reads all frames of the shot, None where it can be read only once.
         survey: waits for what was seen of what moves, None where the shot was not looked at.
+        begins_run: whether these very pictures are those of the run's first frames.
     """
 
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
     again: ReadAgain | None = None
     survey: Callable[[], StillSurvey | None] = lambda: None
+    begins_run: bool = False
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None
     _aperture: tuple[ApertureReading | None] | None = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import Decision
@@ -21,7 +21,7 @@ from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import Built, Graph, build, open_dependencies
 from nlens_video.graph.camera_zoom import CameraZoom
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensPasses, LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
@@ -110,6 +110,7 @@ def open_session(
     plate: PlatePreview,
     pipeline: PipelineFile | None = None,
     *,
+    passes: Callable[[], LensPasses] = LensPasses,
     scene: Scene | None = None,
     estimate_coc: CocEstimator | None = None,
 ) -> Session:
@@ -122,6 +123,8 @@ def open_session(
         profiler: times the nodes.
         plate: the shot's first pictures, on which effects of its camera are measured.
         pipeline: what runs; default: that of the lens' preset.
+        passes: waits for what passes over the file tell of the lens; asked once all that does not
+            depend on it is done.
         scene: the objects' files, where another session has loaded them.
         estimate_coc: F, where another session has it; default: one of its own.
 
@@ -142,8 +145,10 @@ def open_session(
     context, effects = open_dependencies(
         objects, lens, view, device, scene, pipeline, plate, profiler, estimate_coc
     )
+    told = passes()
+    context = replace(context, other_samples=told.others)
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
-    known = lens.track or fit
+    known = told.track or lens.track or fit
     frame_s = lens.frame_s or 1 / 30
     built: Built = {}
     graph = build(pipeline, effects.decisions, context, fit_given=known is not None, built=built)

@@ -7,26 +7,18 @@ from nlens_video.core.settings import Settings
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.run.plate_source import frame_s
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.exposure_time import exposure_time_s
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.lens_tags import tagged_lens
 
 
-def lens_request(
-    settings: Settings,
-    info: SourceInfo,
-    track: FitTrack | None = None,
-    others: tuple[FitSamples, ...] = (),
-) -> LensRequest:
+def lens_request(settings: Settings, info: SourceInfo) -> LensRequest:
     """The request of a run.
 
     Args:
         settings: the run.
         info: of its source.
-        track: the lens over the length of the file, where it changes.
-        others: samples of other frames for the lens fit.
 
     Raises:
         LensFitError: the file of `--fit` cannot be used.
@@ -44,8 +36,7 @@ def lens_request(
         optics=settings.optics,
         known=settings.known_lens,
         tagged=tagged_lens(info.camera_tags),
-        track=track or _given_track(settings, info),
-        others=others,
+        track=_given_track(settings, info),
         fit_region=settings.fit_region,
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),

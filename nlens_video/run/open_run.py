@@ -18,7 +18,7 @@ from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import PlatePreview
+from nlens_video.graph.effect_plan import LensPasses, PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.scheduler import run_in_thread
 from nlens_video.graph.session import Session, open_session
@@ -26,7 +26,6 @@ from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, loo
 from nlens_video.run.lens_request import lens_request
 from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.focal_length import tagged_focal
@@ -47,17 +46,17 @@ _SHORT = 3000  # most frames of a file that is read as a whole for a part of it
 
 @dataclass(frozen=True, slots=True)
 class ShotPasses:
-    """What passes over a file have told before a run.
+    """What passes over a file tell before a run.
 
     Attributes:
-        track: the lens over the length of the file, where it changes.
-        others: samples of other frames for the lens fit.
+        lens: waits for what they tell of the lens.
         survey: waits for what was seen of what moves in the shot, None where nobody looked.
+        under_way: whether they are still under way.
     """
 
-    track: FitTrack | None = None
-    others: tuple[FitSamples, ...] = ()
+    lens: Callable[[], LensPasses] = LensPasses
     survey: Callable[[], StillSurvey | None] = lambda: None
+    under_way: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +119,7 @@ def open_run(
         NlensError: as `run.render`.
     """
     with opened(settings.source) as source:
-        yield take_in(source, settings, profiler, ShotPasses(others=others))
+        yield take_in(source, settings, profiler, ShotPasses(lambda: LensPasses(others=others)))
 
 
 def take_in(
@@ -138,7 +137,8 @@ def take_in(
         source: the plate; no frame of it has been read yet.
         settings: the run.
         profiler: times the run.
-        passes: what is known of the shot beforehand.
+        passes: what is known of the shot beforehand; waited for once the plate's first frames are
+            measured and read.
         chunks: frames to render in place of the settings' range.
         scene: the objects' files, where they are loaded already.
 
@@ -175,7 +175,7 @@ def _assembled(
     passes: ShotPasses,
     scene: Scene | None,
 ) -> Session:
-    lens = lens_request(settings, info, passes.track, passes.others)
+    lens = lens_request(settings, info)
     most = MOST_PICTURES if _may_wait(info) else 1
     again = None if settings.output is None else read_again(settings.source, info)
     plate = PlatePreview(
@@ -183,9 +183,12 @@ def _assembled(
         settings.source.frames[0],
         again,
         passes.survey,
+        begins_run=settings.source.frames[0] == 0 and passes.under_way,
     )
     view = view_of(settings, info)
-    return open_session(settings.scene, lens, view, profiler, plate, scene=scene)
+    return open_session(
+        settings.scene, lens, view, profiler, plate, passes=passes.lens, scene=scene
+    )
 
 
 def read_again(given: SourceSettings, info: SourceInfo) -> ReadAgain | None:

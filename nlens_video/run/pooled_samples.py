@@ -20,7 +20,8 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.run.first_look import FirstLook, first_look, follows_lens
+from nlens_video.graph.effect_plan import LensPasses
+from nlens_video.run.first_look import FirstLook, follows_lens
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import ShotPasses, open_run
 from nlens_video.stages.r_samples import FitSamples
@@ -32,29 +33,24 @@ _WITHIN_S = 4.0
 _SAME_FOCAL = 0.01  # relative change beyond which a lens that zooms is another one
 
 
-def passes(settings: Settings, begun: Callable[[], FirstLook | None] | None = None) -> ShotPasses:
-    """What is found of a shot before a run: the lens' track where it changes, else other samples.
+def passes(settings: Settings, look: Callable[[], FirstLook | None]) -> ShotPasses:
+    """What passes over a file tell before a run.
 
     Args:
         settings: the run.
-        begun: waits for a first look that has begun already; default: it is taken if the lens is
-            followed.
-
-    Raises:
-        NlensError: as `run.render`.
+        look: waits for a first look at the file, which has begun; raises as `run.render`.
     """
-    look, track = begun, None
-    if follows_lens(settings):
-        seen = first_look(settings) if begun is None else begun()
-        look, track = (lambda: seen), lens_track_pass(settings, seen)
-    others = samples_of_other_frames(settings) if track is None else ()
-    return ShotPasses(track, others, lambda: _survey(look))
 
+    def of_lens() -> LensPasses:
+        """The lens' track where it changes, else samples of other frames."""
+        track = lens_track_pass(settings, look()) if follows_lens(settings) else None
+        return LensPasses(track, samples_of_other_frames(settings) if track is None else ())
 
-def _survey(look: Callable[[], FirstLook | None] | None) -> StillSurvey | None:
-    """What a look saw of what moves, once it is done; None without one."""
-    seen = None if look is None else look()
-    return None if seen is None else seen.survey
+    def of_what_moves() -> StillSurvey | None:
+        seen = look()
+        return None if seen is None else seen.survey
+
+    return ShotPasses(of_lens, of_what_moves, under_way=True)
 
 
 def samples_of_other_frames(settings: Settings) -> tuple[FitSamples, ...]:

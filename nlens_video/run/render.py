@@ -19,7 +19,7 @@ from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.checks.drift import DriftCheck
 from nlens_video.run.checks.zoom import ZoomCheck
-from nlens_video.run.first_look import FirstLook
+from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
 from nlens_video.run.open_run import open_run, take_in
 from nlens_video.run.plate_source import frame_s, opened
@@ -97,7 +97,8 @@ def render(
         on_progress: called after each frame with (frames written, frames expected or None).
         chunks: frame ranges to render in place of the settings' range, as lossless chunks for
             `merge`; the output is then their folder.
-        look: waits for a first look at the file that has begun already, from `begun_look`.
+        look: waits for a first look at the file that has begun already, from `begun_look`;
+            default: it begins here.
 
     Raises:
         UsageError: settings do not go together.
@@ -120,7 +121,7 @@ def render(
         stack.enter_context(note_on_partial_file(sink))
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
-        known = passes(settings, look)
+        known = passes(settings, look or stack.enter_context(begun_look(settings)))
         run_input = take_in(source, settings, profiler, known, chunks=chunks, scene=scene)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
