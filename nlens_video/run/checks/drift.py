@@ -8,14 +8,15 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Box, Float32
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
+from nlens_video.run.checks.pace import Pace
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.ground_drift import GroundDrift, ground_seen, has_moved, seen_by_pinhole
 from nlens_video.solve.tracks import Tracker, luma_of
 
 _WIDTH = 360  # of the picture that is tracked [px]
 _POINTS = 120
-_SOON_S, _LATE_S = 0.08, 0.5  # between tracked frames, where points move and where they rest [s]
-_RESTS_PX = 1.0  # step of the middle point: the next frame is tracked twice as late
+_SOON_S, _LATE_S = 0.08, 1.0  # between tracked frames, where points move and where they rest [s]
+_RESTS_PX = 1.0  # step of the middle point between two tracked frames, where they rest
 
 
 class DriftCheck(Observer):
@@ -32,10 +33,7 @@ class DriftCheck(Observer):
         self, frame_s: float, ground_y: float, *, solved: bool, distortion_k1: float = 0.0
     ) -> None:
         super().__init__()
-        self._soon, self._late = (
-            (max(1, round(wait / frame_s)) if frame_s > 0.0 else 0) for wait in (_SOON_S, _LATE_S)
-        )
-        self._wait, self._next = self._soon, 0
+        self._pace = Pace(frame_s, _SOON_S, _LATE_S)
         self._ground_y = ground_y
         self._solved = solved
         self._distortion = distortion_k1
@@ -79,14 +77,13 @@ class DriftCheck(Observer):
     def on_frame_start(self, state: FrameState) -> None:
         """Track the plate."""
         index, picture = state.frame.index, state.frame.picture
-        if not self._soon or index < self._next:
+        if not self._pace.soon or not self._pace.due(index):
             return
         self._width, self._small = picture.width, min(_WIDTH, picture.width)
         size = self._small, max(1, round(picture.height * self._small / picture.width))
         self._tracker.add(luma_of(picture, size))
-        rests = self._tracker.steps_px[-1] < _RESTS_PX
-        self._wait = min(2 * self._wait, self._late) if rests and self._next else self._soon
-        self._next = index + self._wait
+        steps = self._tracker.steps_px
+        self._pace.looked(index, rests=len(steps) > 1 and steps[-1] < _RESTS_PX)
         with self._lock:
             self._seen[index] = self._tracker.current
 

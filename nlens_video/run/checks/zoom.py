@@ -15,10 +15,12 @@ from nlens_video.core.layers import Float32, Picture
 from nlens_video.graph.base.profiler import FrameTiming
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.run.checks.breathing import Breathing
+from nlens_video.run.checks.pace import Pace
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.tracks import luma_of
 
-_EVERY_S = 0.25
+_SOON_S, _LATE_S = 0.25, 1.0  # between measured frames, where the scale changes and where not [s]
+_RESTS = 1e-3  # change of the scale between two measured frames that is none [1]
 _TOLERATED = 0.03  # of the size: what the tracker is off by is less, a visible zoom more
 _AT_REST = 1e-3  # of the distance to the object: a moving camera also changes sizes
 
@@ -34,7 +36,8 @@ class ZoomCheck(Observer):
 
     def __init__(self, frame_s: float) -> None:
         super().__init__()
-        self._every = max(1, round(_EVERY_S / frame_s)) if frame_s > 0 else 1
+        self._pace = Pace(frame_s, _SOON_S, _LATE_S)
+        self._before: Zoom | None = None
         self._tracker = ZoomTracker()
         self._lock = Lock()
         self._seen: dict[int, Zoom] = {}
@@ -62,9 +65,13 @@ class ZoomCheck(Observer):
 
     def on_frame_start(self, state: FrameState) -> None:
         """Measure the plate."""
-        if state.frame.index % self._every:
+        if not self._pace.due(state.frame.index):
             return
-        zoom = self._tracker(state.frame.picture)
+        zoom, before = self._tracker(state.frame.picture), self._before
+        self._before = zoom
+        rests = before is not None and before.shot == zoom.shot
+        rests = rests and abs(zoom.log_scale - before.log_scale) < _RESTS
+        self._pace.looked(state.frame.index, rests=rests)
         with self._lock:
             self._seen[state.frame.index] = zoom
 
