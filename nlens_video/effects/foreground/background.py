@@ -38,7 +38,8 @@ def small_size(width: int, height: int) -> tuple[int, int]:
 
 def root(light: Float32) -> Float32:
     """Square root of light, 0 for negative light."""
-    return np.asarray(np.sqrt(np.maximum(light, np.float32(0.0))), np.float32)
+    made = np.maximum(light, np.float32(0.0))
+    return np.asarray(np.sqrt(made, out=made), np.float32)
 
 
 def gain(seen: Float32, background: Float32) -> Float32:

@@ -67,10 +67,13 @@ class ZoomCheck(Observer):
         """Measure the plate."""
         if not self._pace.due(state.frame.index):
             return
-        zoom, before = self._tracker(state.frame.picture), self._before
-        self._before = zoom
-        rests = before is not None and before.shot == zoom.shot
-        rests = rests and abs(zoom.log_scale - before.log_scale) < _RESTS
+        zoom = self._tracker(state.frame.picture)
+        before, self._before = self._before, zoom
+        rests = (
+            before is not None
+            and before.shot == zoom.shot
+            and abs(zoom.log_scale - before.log_scale) < _RESTS
+        )
         self._pace.looked(state.frame.index, rests=rests)
         with self._lock:
             self._seen[state.frame.index] = zoom
