@@ -4,34 +4,42 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.graph.base.context import CocEstimator
 
 
-def begun_coc(estimate: CocEstimator, pictures: Sequence[Picture]) -> CocEstimator:
-    """F, which reads some pictures from now on, on a thread of its own; of all others as asked.
+class BegunCoc:
+    """F as it is given, which may begin with some pictures before it is asked.
 
     Args:
         estimate: F.
-        pictures: what it will most likely be asked first: the picture whose CoC is estimated, and
-            those that follow it. Nobody writes to them before that.
-
-    Returns:
-        The same estimates.
     """
-    beside = ThreadPoolExecutor(1, "nlens-coc")  # whose thread Python waits for at its end
-    begun = [(tuple(pictures), beside.submit(estimate, pictures[0], pictures[1:]))]
-    beside.shutdown(wait=False)
 
-    def estimated(picture: Picture, following: Sequence[Picture]) -> CocMap:
-        asked = (picture, *following)
-        for read, found in begun:
-            begun.clear()  # the pictures are not needed a second time
+    def __init__(self, estimate: CocEstimator) -> None:
+        self._estimate = estimate
+        self._begun: tuple[tuple[Picture, ...], Future[CocMap]] | None = None
+
+    def begin(self, pictures: Sequence[Picture]) -> None:
+        """Read some pictures from now on, on a thread of its own.
+
+        Args:
+            pictures: what it will most likely be asked first: the picture whose CoC is estimated,
+                and those that follow it. Nobody writes to them before that.
+        """
+        beside = ThreadPoolExecutor(1, "nlens-coc")  # whose thread Python waits for at its end
+        found = beside.submit(self._estimate, pictures[0], pictures[1:])
+        self._begun = (tuple(pictures), found)
+        beside.shutdown(wait=False)
+
+    def __call__(self, picture: Picture, following: Sequence[Picture]) -> CocMap:
+        """As F."""
+        begun, self._begun = self._begun, None  # the pictures are not needed a second time
+        if begun is not None:
+            pictures, found = begun
+            asked = (picture, *following)
             coc = found.result()
-            if len(asked) == len(read) and all(map(operator.is_, asked, read)):
+            if len(asked) == len(pictures) and all(map(operator.is_, asked, pictures)):
                 return coc
-        return estimate(picture, following)
-
-    return estimated
+        return self._estimate(picture, following)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
+from nlens_video.effects.finding import Finding
 from nlens_video.effects.planner import DEFOCUS, OCCLUSION, Decision, EffectRequest
 from nlens_video.graph.base.context import (
     CocEstimator,
@@ -22,7 +23,7 @@ from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View, bounds_near_frame
-from nlens_video.graph.begun_coc import begun_coc
+from nlens_video.graph.begun_coc import BegunCoc
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
@@ -58,33 +59,35 @@ def open_dependencies(
         InputError: layers, holdout or environment map cannot be read.
     """
     ground = shadow_scene(objects, scene)
-    estimate_coc = estimate_coc or lazy_coc_estimator(view.pixel_aspect, device)
+    coc = BegunCoc(estimate_coc or lazy_coc_estimator(view.pixel_aspect, device))
     request = EffectRequest.parse(lens.effects)
     simulated = {spec.type.effect for spec in pipeline.nodes}
     possible = simulated.intersection(request.possible)
     asked_for = request.asks_for(OCCLUSION)
     again = plate.again if OCCLUSION in possible else None
-    if plate.begins_run and DEFOCUS in possible and lens.fit is None and objects.layers is None:
-        bounds = bounds_near_frame(scene, view, 0.0)
-        seen = bounds is not None and not bounds.box.intersection(view.box).empty
-        if seen and (pictures := plate.pictures()):
-            estimate_coc = begun_coc(estimate_coc, pictures)
+    reads_first = plate.begins_run and DEFOCUS in possible and lens.fit is None
+    reads_first = reads_first and objects.layers is None and _begins_in_frame(scene, view)
     with ThreadPoolExecutor(1, "nlens-occlusion") as beside:  # while the effects are measured
         opening = beside.submit(
-            open_occlusion_source, objects, scene, view, estimate_coc, again, plate.survey,
-            ground.light, asked_for=asked_for,
+            open_occlusion_source, objects, scene, view, coc, again, plate.survey, ground.light,
+            asked_for=asked_for,
         )  # fmt: skip
+
+        def found_in_front() -> Finding | None:
+            if reads_first and (pictures := plate.pictures()):
+                coc.begin(pictures)  # while the shot is still looked at
+            return opening.result()[1]
+
         effects = plan_effects(
-            lens, pipeline, objects, scene, ground, lambda: opening.result()[1], plate, profiler,
-            view,
-        )  # fmt: skip
+            lens, pipeline, objects, scene, ground, found_in_front, plate, profiler, view
+        )
     occlusion, _ = opening.result()
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance
     context = NodeContext(
         objects=source,
-        estimate_coc=estimate_coc,
+        estimate_coc=coc,
         ground_y=objects.ground_y,
         fallback_constant=lens.fallback == "constant",
         pixel_aspect=view.pixel_aspect,
@@ -104,6 +107,12 @@ def open_dependencies(
         reflectance=REFLECTANCE if given is None else given,
     )
     return context, effects
+
+
+def _begins_in_frame(scene: Scene, view: View) -> bool:
+    """Whether the objects are in the frame at time 0."""
+    bounds = bounds_near_frame(scene, view, 0.0)
+    return bounds is not None and not bounds.box.intersection(view.box).empty
 
 
 def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> DepthOrder:

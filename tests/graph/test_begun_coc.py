@@ -8,7 +8,7 @@ import pytest
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import CocMap
-from nlens_video.graph.begun_coc import begun_coc
+from nlens_video.graph.begun_coc import BegunCoc
 from nlens_video.graph.builder import lazy_coc_estimator
 from nlens_video.networks.device import choose
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -18,6 +18,12 @@ def pictures(count):
     rng = np.random.default_rng(3)
     sharp = rng.integers(0, 255, (96, 160, 3)).astype(np.uint8)
     return tuple(ArrayPicture(cv2.GaussianBlur(sharp, (0, 0), 1.0 + at)) for at in range(count))
+
+
+def begun_with(estimate, seen):
+    coc = BegunCoc(estimate)
+    coc.begin(seen)
+    return coc
 
 
 class Estimator:
@@ -37,7 +43,7 @@ class Estimator:
 def test_first_pictures_are_estimated_once_on_another_thread():
     first, *later = pictures(3)
     estimate = Estimator()
-    begun = begun_coc(estimate, (first, *later))
+    begun = begun_with(estimate, (first, *later))
     assert begun(first, later).coc_px[0, 0] == 1
     assert estimate.asked == [(first, *later)]
     assert estimate.threads[0] is not threading.current_thread()
@@ -49,7 +55,7 @@ def test_first_pictures_are_estimated_once_on_another_thread():
 def test_other_pictures_are_estimated_as_they_are_asked(chosen):
     seen = pictures(3)
     estimate = Estimator()
-    begun = begun_coc(estimate, seen)
+    begun = begun_with(estimate, seen)
     asked = [seen[at] for at in chosen]
     assert begun(asked[0], asked[1:]).coc_px[0, 0] == 2
     assert estimate.asked[1:] == [tuple(asked)]
@@ -58,7 +64,7 @@ def test_other_pictures_are_estimated_as_they_are_asked(chosen):
 def test_pictures_are_forgotten_once_they_are_asked():
     seen = pictures(2)
     estimate = Estimator()
-    begun = begun_coc(estimate, seen)
+    begun = begun_with(estimate, seen)
     begun(seen[0], seen[1:])
     begun(seen[0], seen[1:])  # another frame's lens may be found on the same pictures
     assert len(estimate.asked) == 2
@@ -69,7 +75,7 @@ def test_error_of_the_estimate_reaches_who_asks():
         raise NlensError("no network")
 
     seen = pictures(2)
-    begun = begun_coc(fails, seen)
+    begun = begun_with(fails, seen)
     with pytest.raises(NlensError, match="no network"):
         begun(seen[0], seen[1:])
 
@@ -77,7 +83,7 @@ def test_error_of_the_estimate_reaches_who_asks():
 def test_network_reads_the_same_ahead():
     seen = pictures(2)
     estimate = lazy_coc_estimator(1.0, choose("cpu"))
-    ahead = begun_coc(estimate, seen)(seen[0], seen[1:])
+    ahead = begun_with(estimate, seen)(seen[0], seen[1:])
     alone = estimate(seen[0], seen[1:])
     np.testing.assert_array_equal(ahead.coc_px, alone.coc_px)
     np.testing.assert_array_equal(ahead.sigma_px, alone.sigma_px)
