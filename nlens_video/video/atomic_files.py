@@ -8,9 +8,9 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import platform
 import re
 import shutil
-import socket
 import stat
 import sys
 from collections.abc import Iterator
@@ -75,7 +75,7 @@ def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
 
 def _host() -> str:
     """Host name in letters and digits: several machines may share the folder."""
-    return re.sub(r"[^0-9A-Za-z]", "", socket.gethostname())[:24] or "host"
+    return re.sub(r"[^0-9A-Za-z]", "", platform.node())[:24] or "host"
 
 
 def _runs(process: int) -> bool:

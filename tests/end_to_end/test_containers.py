@@ -132,3 +132,17 @@ def test_matroska_is_found_to_hold_pictures_of_any_sample_depth(encoder, pixel_f
     from nlens_video.video.output.containers import holds_video
 
     assert holds_video("matroska", encoder, pixel_format)
+
+
+def test_pairs_that_need_no_trial_pass_one(monkeypatch):
+    from nlens_video.video.output import containers
+
+    usual = containers._USUAL
+    monkeypatch.setattr(containers, "_USUAL", frozenset())
+    for container, encoder in sorted(usual):
+        tried = (
+            containers.holds_audio.__wrapped__(container, encoder)
+            if encoder == "aac"
+            else containers.holds_video.__wrapped__(container, encoder, "yuv420p")
+        )
+        assert tried, (container, encoder)

@@ -12,6 +12,7 @@ import io
 from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
+from itertools import product
 
 import av
 import av.container
@@ -49,6 +50,8 @@ _OPTIONS = {
 """Of an encoder in a trial; what a container holds does not depend on the preset."""
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders whose alpha is a second stream, which only Matroska can store."""
+_USUAL = frozenset(product(("mp4", "mov", "matroska"), ("libx264", "libx265", "aac")))
+"""Muxers that hold what encoders make, known without a trial, which takes 30 ms of a start."""
 _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experimental
 _Streams = set[tuple[str, str]]
@@ -87,6 +90,8 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
     """
     if container == "rtsp":
         return encoder in _RTSP
+    if (container, encoder) in _USUAL and pixel_format == "yuv420p":
+        return True
     if container in _PROGRAM_STREAMS and encoder not in ("mpeg1video", "mpeg2video"):
         return False
     beside = encoder in _ALPHA_BESIDE and pixel_format == "yuva420p"
@@ -107,6 +112,8 @@ def holds_audio(container: str, encoder: str) -> bool:
         container: FFmpeg's name of the muxer.
         encoder: FFmpeg's name of it.
     """
+    if (container, encoder) in _USUAL:
+        return True
     rates = av.Codec(encoder, "w").audio_rates or (48000,)
     rate = 48000 if 48000 in rates else rates[0]
 
