@@ -12,6 +12,7 @@ from nlens_video.core.layers import BlurredLayer, DefocusedLayer
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.planner import DEFOCUS, OCCLUSION, Decision, EffectRequest
+from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import (
     CocEstimator,
     DepthOrder,
@@ -22,8 +23,7 @@ from nlens_video.graph.base.context import (
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.view import View, bounds_near_frame
-from nlens_video.graph.begun_coc import BegunCoc
+from nlens_video.graph.base.view import View, begins_in_frame
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
@@ -61,16 +61,14 @@ def open_dependencies(
     ground = shadow_scene(objects, scene)
     coc = BegunCoc(estimate_coc or lazy_coc_estimator(view.pixel_aspect, device))
     request = EffectRequest.parse(lens.effects)
-    simulated = {spec.type.effect for spec in pipeline.nodes}
-    possible = simulated.intersection(request.possible)
-    asked_for = request.asks_for(OCCLUSION)
+    possible = {spec.type.effect for spec in pipeline.nodes}.intersection(request.possible)
     again = plate.again if OCCLUSION in possible else None
     reads_first = plate.begins_run and DEFOCUS in possible and lens.fit is None
-    reads_first = reads_first and objects.layers is None and _begins_in_frame(scene, view)
+    reads_first = reads_first and objects.layers is None and begins_in_frame(scene, view)
     with ThreadPoolExecutor(1, "nlens-occlusion") as beside:  # while the effects are measured
         opening = beside.submit(
             open_occlusion_source, objects, scene, view, coc, again, plate.survey, ground.light,
-            asked_for=asked_for,
+            asked_for=request.asks_for(OCCLUSION),
         )  # fmt: skip
 
         def found_in_front() -> Finding | None:
@@ -107,12 +105,6 @@ def open_dependencies(
         reflectance=REFLECTANCE if given is None else given,
     )
     return context, effects
-
-
-def _begins_in_frame(scene: Scene, view: View) -> bool:
-    """Whether the objects are in the frame at time 0."""
-    bounds = bounds_near_frame(scene, view, 0.0)
-    return bounds is not None and not bounds.box.intersection(view.box).empty
 
 
 def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> DepthOrder:

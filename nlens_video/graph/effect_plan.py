@@ -43,7 +43,6 @@ from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
-from nlens_video.stages.r_samples import FitSamples
 
 _DISTORTION = "distortion"
 _ROUND_ONLY = "aperture: the pipeline {!r} blurs by round discs alone; use --preset standard"
@@ -101,19 +100,6 @@ class LensRequest:
             angle = 360.0 * self.exposure_s / self.frame_s
             return Shutter(angle_deg=angle, frame_s=self.frame_s, source="from metadata")
         return assumed_shutter(self.frame_s)
-
-
-@dataclass(frozen=True, slots=True)
-class LensPasses:
-    """What passes over a file have told of its lens before a run.
-
-    Attributes:
-        track: the lens over the length of the file, where it changes, in the pixels of its frames.
-        others: samples of other frames for the fit, where the camera moves.
-    """
-
-    track: FitTrack | None = None
-    others: tuple[FitSamples, ...] = ()
 
 
 @dataclass(slots=True)

@@ -21,15 +21,30 @@ from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import Built, Graph, build, open_dependencies
 from nlens_video.graph.camera_zoom import CameraZoom
-from nlens_video.graph.effect_plan import LensPasses, LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_change import LiveLens
+from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_samples import FitSamples
 
 _WITH_BACKEND = ("estimate-coc", "render", "reblur", "lens-sampling")
+
+
+@dataclass(frozen=True, slots=True)
+class LensPasses:
+    """What passes over a file have told of its lens before a run.
+
+    Attributes:
+        track: the lens over the length of the file, where it changes, in the pixels of its frames.
+        others: samples of other frames for the fit, where the camera moves.
+    """
+
+    track: FitTrack | None = None
+    others: tuple[FitSamples, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,10 +18,10 @@ from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensPasses, PlatePreview
+from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.scheduler import run_in_thread
-from nlens_video.graph.session import Session, open_session
+from nlens_video.graph.session import LensPasses, Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.run.lens_request import lens_request
 from nlens_video.run.plate_source import frame_s, opened

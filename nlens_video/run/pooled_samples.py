@@ -20,7 +20,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.effect_plan import LensPasses
+from nlens_video.graph.session import LensPasses
 from nlens_video.run.first_look import FirstLook, follows_lens
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.open_run import ShotPasses, open_run

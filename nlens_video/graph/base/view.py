@@ -224,6 +224,12 @@ def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds |
     return ScreenBounds(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 
 
+def begins_in_frame(scene: Scene, view: View) -> bool:
+    """Whether the objects are in the frame at time 0."""
+    bounds = bounds_near_frame(scene, view, 0.0)
+    return bounds is not None and not bounds.box.intersection(view.box).empty
+
+
 def _bounds(posed: PosedScene, camera: Camera) -> tuple[Box, float, float] | None:
     """Screen bounds and depth range of what lies in front of the camera; None if nothing does.
 
