@@ -13,6 +13,7 @@ from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
 from itertools import product
+from random import Random
 
 import av
 import av.container
@@ -292,7 +293,7 @@ def _write_video(out: av.container.OutputContainer, stream: VideoStream | None) 
 
 def _noise(seed: int, size: int, pixels: av.VideoFormat) -> bytes:
     """Bytes of a plane, of codes that its bits allow: x264 ends the process on larger ones."""
-    noise = np.random.default_rng(seed).integers(0, 256, size, np.uint8)
+    noise = np.frombuffer(bytearray(Random(seed).randbytes(size)), np.uint8)
     bits = max(component.bits for component in pixels.components)
     if 8 < bits < 16:
         noise[0 if pixels.is_big_endian else 1 :: 2] &= (1 << (bits - 8)) - 1
