@@ -49,9 +49,9 @@ def open_dependencies(
     pipeline: PipelineFile,
     plate: PlatePreview,
     profiler: Profiler,
-    estimate_coc: CocEstimator | None = None,
+    coc: BegunCoc,
 ) -> tuple[NodeContext, EffectPlan]:
-    """Decide on the effects and open what their nodes depend on; F where none is given.
+    """Decide on the effects and open what their nodes depend on; begin F on the first frame.
 
     Raises:
         UsageError: effects or a given distortion make no sense.
@@ -59,7 +59,6 @@ def open_dependencies(
         InputError: layers, holdout or environment map cannot be read.
     """
     ground = shadow_scene(objects, scene)
-    coc = BegunCoc(estimate_coc or lazy_coc_estimator(view.pixel_aspect, device))
     request = EffectRequest.parse(lens.effects)
     possible = {spec.type.effect for spec in pipeline.nodes}.intersection(request.possible)
     again = plate.again if OCCLUSION in possible else None

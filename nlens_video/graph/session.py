@@ -14,12 +14,19 @@ from nlens_video.graph.adaptive_quality import (
     check_level,
     lower_levels,
 )
+from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import CocEstimator, NodeContext
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.builder import Built, Graph, build, open_dependencies
+from nlens_video.graph.builder import (
+    Built,
+    Graph,
+    build,
+    lazy_coc_estimator,
+    open_dependencies,
+)
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import FrameState, GraphExecutor
@@ -157,8 +164,9 @@ def open_session(
         scene = load_scene(objects)
     staged = stage(objects, scene, view)
     objects, scene, view = staged.objects, staged.scene, staged.view
+    coc = BegunCoc(estimate_coc or lazy_coc_estimator(view.pixel_aspect, device), profiler)
     context, effects = open_dependencies(
-        objects, lens, view, device, scene, pipeline, plate, profiler, estimate_coc
+        objects, lens, view, device, scene, pipeline, plate, profiler, coc
     )
     told = passes()
     context = replace(context, other_samples=told.others)
@@ -167,6 +175,8 @@ def open_session(
     frame_s = lens.frame_s or 1 / 30
     built: Built = {}
     graph = build(pipeline, effects.decisions, context, fit_given=known is not None, built=built)
+    if not graph.has("estimate-coc"):
+        coc.forget()
     live = LiveLens(frame_s) if lens.live and known is None else None
     zoom = None
     if view.zoom_ends(scene):

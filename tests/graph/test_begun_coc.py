@@ -1,6 +1,9 @@
 """F on a run's first frame, begun while the rest of the run is prepared."""
 
+import gc
 import threading
+import time
+import weakref
 
 import cv2
 import numpy as np
@@ -9,6 +12,7 @@ import pytest
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import CocMap
 from nlens_video.graph.base.begun_coc import BegunCoc
+from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.builder import lazy_coc_estimator
 from nlens_video.networks.device import choose
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -20,8 +24,8 @@ def pictures(count):
     return tuple(ArrayPicture(cv2.GaussianBlur(sharp, (0, 0), 1.0 + at)) for at in range(count))
 
 
-def begun_with(estimate, seen):
-    coc = BegunCoc(estimate)
+def begun_with(estimate, seen, profiler=None):
+    coc = BegunCoc(estimate, profiler or Profiler())
     coc.begin(seen)
     return coc
 
@@ -32,10 +36,12 @@ class Estimator:
     def __init__(self):
         self.asked = []
         self.threads = []
+        self.asked_one = threading.Event()
 
     def __call__(self, picture, following):
         self.asked.append((picture, *following))
         self.threads.append(threading.current_thread())
+        self.asked_one.set()
         made = np.full((2, 2), len(self.asked), np.float32)
         return CocMap(coc_px=made, sigma_px=made)
 
@@ -78,6 +84,36 @@ def test_error_of_the_estimate_reaches_who_asks():
     begun = begun_with(fails, seen)
     with pytest.raises(NlensError, match="no network"):
         begun(seen[0], seen[1:])
+
+
+def test_whole_time_of_the_estimate_counts_though_nobody_waits_for_it():
+    done = threading.Event()
+
+    def slow(picture, following):
+        time.sleep(0.05)
+        done.set()
+        return CocMap(coc_px=np.ones((2, 2), np.float32), sigma_px=np.ones((2, 2), np.float32))
+
+    seen, profiler = pictures(2), Profiler()
+    begun = begun_with(slow, seen, profiler)
+    assert done.wait(10.0)
+    with profiler.timed(0, "estimate-coc"):
+        begun(seen[0], seen[1:])
+    assert profiler.close_frame(0, 0).nodes["estimate-coc"] >= 50.0
+
+
+def test_what_nobody_will_ask_is_forgotten():
+    seen = pictures(2)
+    held = weakref.ref(seen[1])
+    estimate = Estimator()
+    begun = begun_with(estimate, seen)
+    estimate.asked_one.wait(10.0)
+    begun.forget()
+    estimate.threads[0].join(10.0)
+    estimate.asked.clear()
+    del seen
+    gc.collect()
+    assert held() is None
 
 
 def test_network_reads_the_same_ahead():
