@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
 from nlens_video.core.objects import NO_KEYS, ONCE, FurtherObject, PlaceKeys, Playback
@@ -53,7 +53,7 @@ class SourceSettings:
         return end == first + 1
 
     @property
-    def hints(self) -> dict[str, str | None]:
+    def hints(self) -> dict[str, Any]:
         """Keyword arguments of `video.input.source.open_source`."""
         size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None
         return {

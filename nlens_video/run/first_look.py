@@ -22,7 +22,6 @@ from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import can_be_read_again
-from nlens_video.video.input.source import AvSource
 
 _EVERY_S = 0.2  # from one frame whose blur is measured to the next [s]
 
@@ -104,13 +103,11 @@ def first_look(settings: Settings, left: Event | None = None) -> FirstLook | Non
     watches_lens, surveys = follows_lens(settings), _asks_what_moves(settings)
     if not (watches_lens or surveys) or isinstance(settings.track_focus, int):
         return None
-    with opened(settings.source) as source:
+    end = settings.source.frames[1]
+    with opened(settings.source, sparse=end is None) as source:
         info = source.info
         if info.kind not in ("video", "sequence"):
             return None
-        end = settings.source.frames[1]
-        if end is None and isinstance(source, AvSource):
-            source.leave_out_unreferenced()
         lens = _LensWatch(frame_s(info) or 1 / 25) if watches_lens else None
         survey = StillSurvey((info.width, info.height)) if surveys else None
         lanes = [_lane(one) for one in (lens, survey) if one is not None]

@@ -32,7 +32,6 @@ from nlens_video.video.focal_length import tagged_focal
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.seek import SeekableSource
-from nlens_video.video.input.source import AvSource
 from nlens_video.video.interfaces import Source
 
 if TYPE_CHECKING:
@@ -203,9 +202,7 @@ def read_again(given: SourceSettings, info: SourceInfo) -> ReadAgain | None:
     last = end if (info.frame_count or 0) > _SHORT else None
 
     def again(*, sparse: bool = False) -> Iterator[SourceFrame]:
-        with opened(replace(given, frames=(0, None))) as source:
-            if sparse and isinstance(source, AvSource):
-                source.leave_out_unreferenced()
+        with opened(replace(given, frames=(0, None)), sparse=sparse) as source:
             for frame in takewhile(lambda frame: last is None or frame.index < last, source):
                 signals.check()
                 yield frame

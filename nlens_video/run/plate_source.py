@@ -17,11 +17,12 @@ from nlens_video.video.interfaces import Source
 
 
 @contextmanager
-def opened(given: SourceSettings) -> Iterator[Source]:
+def opened(given: SourceSettings, *, sparse: bool = False) -> Iterator[Source]:
     """The source, closed at the end unless its reader thread still blocks in a read.
 
     Args:
         given: the plate.
+        sparse: as of `open_source`, where its first frame is wanted.
 
     Raises:
         InputError: the source cannot be read.
@@ -35,7 +36,9 @@ def opened(given: SourceSettings) -> Iterator[Source]:
     seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
 
     def connect() -> Source:
-        return (open_seekable if seekable else open_source)(given.spec, **given.hints)
+        if seekable:
+            return open_seekable(given.spec, **given.hints)
+        return open_source(given.spec, **given.hints, sparse=sparse)
 
     def reconnecting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()

@@ -203,9 +203,7 @@ def test_range_is_read_by_seeking_unless_a_stage_needs_earlier_frames(
 @pytest.mark.parametrize("kind", ["h264 with B frames, mp4", "vp9, webm", "ffv1, mkv"])
 def test_frames_of_a_sparse_reading_are_those_of_the_whole_at_their_times(clip, kind):
     path, (whole, _) = clip(kind)
-    source = open_source(str(path))
-    with source:
-        source.leave_out_unreferenced()
+    with open_source(str(path), sparse=True) as source:
         found = [
             (one.time_s, [plane.tobytes() for plane in planes(one.picture.frame)]) for one in source
         ]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import av
 from av.video.stream import VideoStream
@@ -33,7 +33,7 @@ _IDR, _SLICES = 5, range(1, 6)
 """H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
-def open_seekable(spec: str, **hints: str | None) -> Source:
+def open_seekable(spec: str, **hints: Any) -> Source:  # noqa: ANN401  those of `open_source`
     """Open a source that can skip frames if it is a file; arguments as `open_source`."""
     source = open_source(spec, **hints)
     return SeekableSource(source) if isinstance(source, AvSource) else source

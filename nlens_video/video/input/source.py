@@ -9,6 +9,7 @@ import av
 import av.container
 
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.kernels.thread_pool import processors
 from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
 from nlens_video.video.input.open import (
@@ -32,6 +33,9 @@ MOST_UNDECODABLE = 500
 """Packets in a row without a picture after which a source counts as ended."""
 
 
+_MOST_THREADS = 16  # of a decoder: FFmpeg warns of more
+
+
 def open_source(
     spec: str,
     *,
@@ -39,6 +43,7 @@ def open_source(
     input_size: str | None = None,
     input_rate: str | None = None,
     input_transfer: str | None = None,
+    sparse: bool = False,
 ) -> Source:
     """Open a plate and read its first frame.
 
@@ -48,6 +53,8 @@ def open_source(
         input_size: `WIDTHxHEIGHT` of raw video or of a device.
         input_rate: frames per second of raw video, of a device or of a sequence.
         input_transfer: name in `color.TRANSFERS`, overrides the tag.
+        sparse: read as quickly as can be: frames may be left out that no other frame is predicted
+            from. The others are exact; their numbers do not count.
 
     Raises:
         InputError: it cannot be read, or holds no picture.
@@ -62,7 +69,7 @@ def open_source(
             if given is not None:
                 raise UsageError(f"--input-{word} {given}: {spec} says that itself; leave it out")
         return ExrSource(spec, input_rate)
-    return AvSource(spec, hints)
+    return AvSource(spec, hints, sparse=sparse)
 
 
 class AvSource(Source):
@@ -71,13 +78,14 @@ class AvSource(Source):
     Args:
         spec: as in `open_source`.
         hints: the user's options.
+        sparse: as of `open_source`.
 
     Raises:
         InputError: it cannot be read, or holds no picture.
         UsageError: the hints do not suit the input.
     """
 
-    def __init__(self, spec: str, hints: InputHints) -> None:
+    def __init__(self, spec: str, hints: InputHints, *, sparse: bool = False) -> None:
         self.hints = hints
         self._early: deque[Packet] = deque()
         self._covers: dict[int, bytes] = {}
@@ -92,6 +100,10 @@ class AvSource(Source):
             self._is_file = kind == "video"
             self._decoder = decoder_of(stream)
             self._decoder.thread_type = "AUTO"
+            if sparse:
+                self._decoder.skip_frame = "NONREF"
+                # each frame waits for one before it: with as many threads as processors some idle
+                self._decoder.thread_count = min(_MOST_THREADS, 2 * processors() + 2)
             self._decoder.options = DECODER
             declared = (stream.codec_context.width, stream.codec_context.height)
             self._decoded = self._decode()
@@ -141,13 +153,6 @@ class AvSource(Source):
             )  # fmt: skip
             index += 1
             frame = next(self._decoded, None)
-
-    def leave_out_unreferenced(self) -> None:
-        """From now on frames need not be decoded that no other frame is predicted from.
-
-        The others are exact. The frames' numbers no longer count.
-        """
-        self._decoder.skip_frame = "NONREF"
 
     def start_at(self, pts: Sequence[int], start: int, number: int) -> bool:
         """Seek so that iteration begins with a later frame; call before it.
