@@ -199,11 +199,12 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         return 0
     with begun_look(settings) as look:  # while the rest of the program is imported
         with loading():
-            from nlens_video.run.observers import check_sidecars
+            from nlens_video.run.observers import check_sidecars, note_on_complete_result
             from nlens_video.run.render import render
         with console.progress_bar() as on_progress:
             outcome = render(settings, on_progress, look=look)
-    console.outcome(outcome)
+        with note_on_complete_result(outcome.output):
+            console.outcome(outcome)
     check_sidecars(outcome.output, outcome.missing)
     return 0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -261,10 +261,13 @@ def check_sidecars(result: str, missing: Sequence[str]) -> None:
 
 
 @contextmanager
-def note_on_complete_result(result: str) -> Iterator[None]:
-    """Add to an error that the result is complete."""
+def note_on_complete_result(
+    result: str, complete: Callable[[], bool] = lambda: True
+) -> Iterator[None]:
+    """Add to an error that the result is complete, where it is."""
     try:
         yield
     except BaseException as error:
-        error.add_note(f"{result} is complete")
+        if complete():
+            error.add_note(f"{result} is complete")
         raise

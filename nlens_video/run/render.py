@@ -112,8 +112,9 @@ def render(
     output = settings.output
     check_settings(settings, as_chunks=chunks is not None)
     composited = written = 0
-    changed = False
+    changed = complete = False
     with ExitStack() as stack:
+        stack.enter_context(note_on_complete_result(output.spec, lambda: complete))
         source = stack.enter_context(opened(settings.source))
         scene = check_shot(settings, source.info) if chunks is None else None
         part = part_of(source.info, settings.source.frames)
@@ -171,8 +172,8 @@ def render(
             ),
         )  # fmt: skip
         sink.commit()
-        with note_on_complete_result(output.spec):
-            sidecars.finish(result.timing, result.notes)
+        complete = True
+        sidecars.finish(result.timing, result.notes)
     return replace(result, missing=sidecars.missing)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from typing import Any
 from nlens_video.core.errors import UsageError
 
 _PATIENCE_S = 10.0
+_COMPLETE = re.compile(r"interrupted; (.*) is complete")
 Tell = Callable[[dict[str, Any]], None]
 
 
@@ -96,6 +98,8 @@ class RenderJob:
             self._process = None
         if code == 0:
             self._say({"render": "done", **_result(results[0])})
+        elif complete := _COMPLETE.fullmatch(said):  # interrupted too late
+            self._say({"render": "done", "output": complete[1], "frames": 0, "notes": []})
         elif self._cancelled:
             self._say({"render": "cancelled"})
         else:

@@ -330,6 +330,24 @@ def stopped(run, folder, *signals, patience=60):
     return err.decode().strip()
 
 
+def test_interrupt_after_the_result_is_complete_says_so(files, tmp_path, monkeypatch, capsys):
+    from nlens_video.cli.main import main
+    from nlens_video.graph.nodes.warm_up import WarmUp
+
+    ended = WarmUp.__exit__
+
+    def interrupted(self, *exception):  # one of the last things that a run does
+        ended(self, *exception)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(WarmUp, "__exit__", interrupted)
+    out = tmp_path / "out.mp4"
+    words = [files / "in.mp4", files / "anim.glb", out, "--fit", files / "fit.json", "-q"]
+    assert main([str(word) for word in words]) == 130
+    assert capsys.readouterr().err.endswith(f"nlens-video: interrupted; {out} is complete\n")
+    assert out.exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]

@@ -130,7 +130,7 @@ def test_strip_of_pictures_ground_grid_and_reasons_of_effects_are_shown(page):
 
 @pytest.mark.needs_chromium
 def test_render_is_cancelled_in_the_page(browser, tmp_path):
-    shot = write_shot(tmp_path, frames=1000)
+    shot = write_shot(tmp_path, frames=3000)
     with opened(browser, shot) as (page, _):
         page.locator("#render").click()
         page.locator("#progress[value]").wait_for(timeout=WAIT_MS)

@@ -282,3 +282,17 @@ def runs(shot):
 def assert_nothing_was_written(shot):
     names = {one.name for one in shot.parent.iterdir()}
     assert names == {"in.mp4", "bare.glb", "fit.json", "shot.toml"}
+
+
+def test_render_that_ends_before_its_interrupt_arrives_is_done():
+    from nlens_video.studio.render_job import RenderJob
+
+    told = []
+    job = RenderJob(told.append)
+    says = "import sys; sys.exit('nlens-video: interrupted; /a folder/out.mp4 is complete')"
+    pipe = subprocess.PIPE
+    job._cancelled = True
+    words = [sys.executable, "-c", says]
+    with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True) as process:
+        job._follow(process)
+    assert told == [{"render": "done", "output": "/a folder/out.mp4", "frames": 0, "notes": []}]
