@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypedDict
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
 from nlens_video.core.objects import NO_KEYS, ONCE, FurtherObject, PlaceKeys, Playback
@@ -19,6 +19,15 @@ TrackFocus = Literal["auto", "off"] | int
 Occlusion = Literal["none", "moving", "auto"]
 REFLECTANCE = 0.04
 """Of glass, water, polished stone and lacquer (a refractive index of 1.5), from straight above."""
+
+
+class InputWords(TypedDict, total=False):
+    """Keyword arguments of `video.input.source.open_source`, which say what an input does not."""
+
+    input_format: str | None
+    input_size: str | None
+    input_rate: str | None
+    input_transfer: str | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +62,7 @@ class SourceSettings:
         return end == first + 1
 
     @property
-    def hints(self) -> dict[str, Any]:
+    def hints(self) -> InputWords:
         """Keyword arguments of `video.input.source.open_source`."""
         size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None
         return {

@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
-from typing import Any, TypeAlias
+from typing import TypeAlias, Unpack
 
 import av
 from av.video.stream import VideoStream
 
 from nlens_video.core.errors import InputError
+from nlens_video.core.settings import InputWords
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import InputHints, open_container, video_stream
 from nlens_video.video.input.source import AvSource, open_source
@@ -33,7 +34,7 @@ _IDR, _SLICES = 5, range(1, 6)
 """H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
-def open_seekable(spec: str, **hints: Any) -> Source:  # noqa: ANN401  those of `open_source`
+def open_seekable(spec: str, **hints: Unpack[InputWords]) -> Source:
     """Open a source that can skip frames if it is a file; arguments as `open_source`."""
     source = open_source(spec, **hints)
     return SeekableSource(source) if isinstance(source, AvSource) else source
