@@ -21,7 +21,7 @@ REFLECTANCE = 0.04
 """Of glass, water, polished stone and lacquer (a refractive index of 1.5), from straight above."""
 
 
-class InputWords(TypedDict, total=False):
+class InputArguments(TypedDict, total=False):
     """Keyword arguments of `video.input.source.open_source`, which say what an input does not."""
 
     input_format: str | None
@@ -62,7 +62,7 @@ class SourceSettings:
         return end == first + 1
 
     @property
-    def hints(self) -> InputWords:
+    def hints(self) -> InputArguments:
         """Keyword arguments of `video.input.source.open_source`."""
         size = f"{self.input_size[0]}x{self.input_size[1]}" if self.input_size else None
         return {

@@ -7,7 +7,7 @@ no other frame is predicted from are not decoded, and of the others a few each s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager, nullcontext, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from threading import Event
@@ -17,7 +17,7 @@ from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
 from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.effects.planner import OCCLUSION, EffectRequest
-from nlens_video.graph.scheduler import Worker, begin_in_thread, run_workers
+from nlens_video.graph.scheduler import begin_in_thread, run_workers
 from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.stages.r_lens_change import Signature, calls_for_fit, is_cut, signature
 from nlens_video.video.info import SourceFrame
@@ -110,24 +110,16 @@ def first_look(settings: Settings, left: Event | None = None) -> FirstLook | Non
             return None
         lens = _LensWatch(frame_s(info) or 1 / 25) if watches_lens else None
         survey = StillSurvey((info.width, info.height)) if surveys else None
-        lanes = [_lane(one) for one in (lens, survey) if one is not None]
         frames = takewhile(lambda frame: end is None or frame.index < end, source)
-        with closing(run_workers(frames, lanes, depth=1)) as seen:
-            for _ in seen:
+        looks = [one for one in (lens, survey) if one is not None]
+        with closing(run_workers(frames, ())) as decoded:
+            for frame in decoded:
                 signals.check()
                 if left is not None and left.is_set():
                     return None
+                for one in looks:
+                    one.see(frame)
     return FirstLook(lens is None or lens.rests(), survey)
-
-
-def _lane(looks: _LensWatch | StillSurvey) -> Worker[SourceFrame]:
-    """What looks at the frames, on a thread of its own."""
-
-    def see(frame: SourceFrame) -> SourceFrame:
-        looks.see(frame)
-        return frame
-
-    return Worker("look", lambda: nullcontext(see))
 
 
 class _LensWatch:

@@ -12,7 +12,7 @@ import av
 from av.video.stream import VideoStream
 
 from nlens_video.core.errors import InputError
-from nlens_video.core.settings import InputWords
+from nlens_video.core.settings import InputArguments
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.input.open import InputHints, open_container, video_stream
 from nlens_video.video.input.source import AvSource, open_source
@@ -34,7 +34,7 @@ _IDR, _SLICES = 5, range(1, 6)
 """H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
-def open_seekable(spec: str, **hints: Unpack[InputWords]) -> Source:
+def open_seekable(spec: str, **hints: Unpack[InputArguments]) -> Source:
     """Open a source that can skip frames if it is a file; arguments as `open_source`."""
     source = open_source(spec, **hints)
     return SeekableSource(source) if isinstance(source, AvSource) else source
