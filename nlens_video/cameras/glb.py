@@ -17,6 +17,7 @@ from nlens_video.cameras.ground_grid import ground_lines, on_ground_zero, square
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
+from nlens_video.core.objects import ALL
 from nlens_video.core.version import VERSION
 from nlens_video.scene.camera import Perspective, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
@@ -101,7 +102,7 @@ def _read(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
             f"has {size[0]}x{size[1]}; set that size in the scene and export it again"
         )
     chosen = hierarchy.with_ancestors([camera.node])
-    tracks = read_animations(document, accessors, hierarchy, {}).of_cameras(chosen).tracks
+    tracks = read_animations(document, accessors, hierarchy, {}).of_cameras(chosen, ALL).tracks
     motion = Animation(tuple(t for t in tracks if t.path != "yfov" or t.node == camera.number))
     keys = [_key(camera, hierarchy, motion, time_s, size, rate) for time_s in _times(motion, rate)]
     extras = document.root.child("asset").data.get("extras")

@@ -12,7 +12,7 @@ cat's eye is cut out of that shape without scaling it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nlens_video.core.errors import UsageError
@@ -140,6 +140,10 @@ class Shutter:
     def open_s(self) -> float:
         """How long it is open [s]."""
         return self.angle_deg / 360.0 * self.frame_s
+
+    def shortened(self, open_s: float) -> Shutter:
+        """One that is open no longer than so [s]."""
+        return replace(self, angle_deg=360.0 * min(self.open_s, open_s) / self.frame_s)
 
     def edges(self, time_s: float) -> tuple[float, float, float]:
         """When it opens, is half through, and closes round a frame's moment [s]."""

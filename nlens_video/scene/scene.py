@@ -16,7 +16,7 @@ from nlens_video.core.objects import ONCE, Playback
 from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.animation_reader import read_animations
-from nlens_video.scene.gltf.animations import Animation, Animations, listed
+from nlens_video.scene.gltf.animations import Animation, listed
 from nlens_video.scene.gltf.document import Document, read_document
 from nlens_video.scene.gltf.materials import read_materials
 from nlens_video.scene.gltf.meshes import read_meshes
@@ -84,7 +84,7 @@ class Scene:
         instances = read_instances(document, hierarchy, meshes, read_skins(document, accessors))
         morphs = {i.node: len(i.weights) for i in instances}
         animations = read_animations(document, accessors, hierarchy, morphs)
-        _name_alternatives(document, animations, playback)
+        animations.name_alternatives(document, playback.animation)
         cameras = read_cameras(document, hierarchy.visible)
         part = ScenePart(
             path,
@@ -96,7 +96,8 @@ class Scene:
             tuple(node.name for node in document.items("nodes")),
         )
         carrying = hierarchy.with_ancestors(camera.node for camera in cameras)
-        return cls((part,), hierarchy, animations.of_cameras(carrying), cameras, document.warnings)
+        moves = animations.of_cameras(carrying, playback.animation)
+        return cls((part,), hierarchy, moves, cameras, document.warnings)
 
     def joined(self, others: Sequence[Scene]) -> Scene:
         """One scene of this one's files and those of others, in this one's world.
@@ -182,6 +183,11 @@ class Scene:
         Unless it `morphs`, a vertex is the same mean of them at all moments.
         """
         return self._hull(self._moments(time_s))
+
+    def jumps(self, start_s: float, end_s: float) -> list[float]:
+        """Moments of the plate between two at which something may leave its place at once [s]."""
+        steps = [time_s for time_s in self._camera_motion.steps if start_s < time_s < end_s]
+        return steps + [time_s for part in self.parts for time_s in part.jumps(start_s, end_s)]
 
     @property
     def morphs(self) -> bool:
@@ -284,13 +290,3 @@ class Scene:
         known = ", ".join(named for named in self.camera_names if named)
         there = f"expected one of {known}" if known else "its cameras have no names"
         raise SceneError(f"{self.path}: no camera is named '{name}'; {there}")
-
-
-def _name_alternatives(document: Document, animations: Animations, playback: Playback) -> None:
-    left_out = animations.left_out(playback.animation)
-    if left_out:
-        played = animations.played()
-        document.warn(
-            f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left_out, 4)} "
-            "would move the same parts: choose with --animation NAME"
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -68,6 +69,21 @@ class ScenePart:
         played = self.playback.moment(time_s, duration_s)
         moves = self.motion is not None and self.motion.moves
         return min(max(played, 0.0), duration_s), time_s if moves else 0.0
+
+    def jumps(self, start_s: float, end_s: float) -> list[float]:
+        """Moments of the plate between two at which it may leave its place at once [s].
+
+        They are those at which a loop begins anew and those of keys that change a value at once.
+        """
+        played, duration_s = self.playback, self.animation.duration_s
+        start, end = (played.offset_s + played.speed * time_s for time_s in (start_s, end_s))
+        moments = list(self.animation.steps)
+        if played.loop and duration_s > 0.0:
+            if end - start >= duration_s:
+                return []  # the shutter sees all of it
+            rounds = range(math.floor(start / duration_s), math.floor(end / duration_s) + 1)
+            moments = [one * duration_s + key for one in rounds for key in (0.0, *moments)]
+        return [(one - played.offset_s) / played.speed for one in moments if start < one < end]
 
     def moved(self, moment: Moment) -> Moved:
         """Its nodes in the world."""

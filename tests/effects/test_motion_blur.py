@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from support import shots
 from support.glb_builder import GlbBuilder
 
+from nlens_video import Compositor
 from nlens_video.cli.main import main
 from nlens_video.core.layers import BlurredLayer, Box, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
@@ -25,7 +26,9 @@ from nlens_video.effects.motion_blur import (
     motion_blurred,
 )
 from nlens_video.effects.planner import MOTION_BLUR, ShotFacts, decide
+from nlens_video.graph.nodes.motion_blur import followed
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.scene.camera import Camera
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, object_coc
 
 FRAME = Box(0, 0, shots.WIDTH, shots.HEIGHT)
@@ -242,3 +245,62 @@ def test_command_blurs_a_moving_object_unless_motion_blur_is_off(tmp_path):
     assert np.array_equal(outputs["closed"], outputs["without"])
     assert np.array_equal(outputs["auto"], outputs["named"])
     assert np.abs(outputs["auto"].astype(int) - outputs["closed"]).max() > 30
+
+
+def widths(glb, moments, **options):
+    """Columns that the object of a file covers at some moments, with all of the frame exposed."""
+    fit = LensFit(slope=0.0, intercept=0.0, width=shots.WIDTH, height=shots.HEIGHT)
+    grey = np.full((shots.HEIGHT, shots.WIDTH, 3), 120, np.uint8)
+    common = {"preset": "realtime", "fps": 25, "fit": fit, "effects": "motion-blur"}
+    found = []
+    with Compositor(glb, shutter=360, **common, **options) as compositor:
+        for moment in moments:
+            changed = np.abs(compositor.process(grey, moment).astype(int) - grey).max(axis=2) > 8
+            columns = np.flatnonzero(changed.any(axis=0))
+            found.append(np.ptp(columns) + 1 if columns.size else 0)
+    return found
+
+
+def sliding_glb(path, keys, times=(0.0, 1.0), kind="LINEAR", behind=False):
+    builder = GlbBuilder()
+    cube = builder.mesh(0.2 * shots.CUBE, shots.CUBE_FACES)
+    slides = builder.node(mesh=cube)
+    turn = [float(np.sin(-shots.TILT / 2)), 0, 0, float(np.cos(shots.TILT / 2))]
+    builder.node(
+        camera=builder.camera(shots.YFOV), translation=[0, shots.EYE_HEIGHT, 0], rotation=turn
+    )
+    if behind:
+        builder.node(mesh=cube, translation=[0.0, 0.0, 3.0])
+    way = [[x, 0.0, -2.0] for x in keys]
+    builder.animation((slides, "translation", list(times), way, kind))
+    return builder.write(path)
+
+
+def test_thing_behind_the_camera_leaves_others_their_motion_blur(tmp_path):
+    ends = [-2.0, 2.0]
+    alone = widths(sliding_glb(tmp_path / "alone.glb", ends), [0.5])
+    assert widths(sliding_glb(tmp_path / "two.glb", ends, behind=True), [0.5]) == alone
+    resting = widths(sliding_glb(tmp_path / "rests.glb", [0.0, 0.0]), [0.5])
+    assert alone[0] > resting[0] + 15
+
+
+@pytest.mark.parametrize(("kind", "loop"), [("LINEAR", True), ("STEP", False)])
+def test_object_that_leaves_its_place_at_once_is_not_smeared_over_the_way(tmp_path, kind, loop):
+    glb = sliding_glb(tmp_path / "jumps.glb", [-0.6, 0.6], kind=kind)
+    resting = widths(sliding_glb(tmp_path / "rests.glb", [0.0, 0.0]), [0.5])[0]
+    for width in widths(glb, [0.5, 0.99, 1.0, 1.01, 1.5], loop=loop):
+        assert resting - 8 < width < resting + 30
+
+
+def test_vertices_close_to_the_camera_far_beyond_the_frame_do_not_count():
+    camera = Camera.from_yfov(np.eye(4), 0.6, 100, 50)
+    seen = [
+        np.array([[40.0 + step, 20.0, 2.0], [-9000.0 * (1 + step), 7.0, 0.01], [5.0, 5.0, np.nan]])
+        for step in range(3)
+    ]
+    assert [places.tolist() for places in followed(seen, camera)] == [
+        [[40.0 + step, 20.0, 2.0]] for step in range(3)
+    ]
+    beyond = [places[1:2] for places in seen]
+    np.testing.assert_array_equal(followed(beyond, camera), beyond)
+    assert followed([places[2:] for places in seen], camera) == []

@@ -80,6 +80,36 @@ def test_camera_animation_follows_the_plates_time(tmp_path):
     assert scene.pose(0.0).meshes[0].positions[:, 0].mean() == pytest.approx(1.0)
 
 
+def test_chosen_animation_moves_the_camera_too(tmp_path):
+    builder = clips("walk", "run")
+    rig = builder.node(children=[2], root=True)
+    assert builder.node(camera=builder.camera(), root=False) == 2
+    for shot, height in (("first", 8.0), ("second", 4.0)):
+        path = [[0, 0, 0], [0, height, 0]]
+        builder.animation((rig, "translation", [0, 1], path, "LINEAR"), name=shot)
+    glb = builder.write(tmp_path / "scene.glb")
+    heights = {
+        name: Scene.load(glb, Playback(animation=name)).camera(1.0, 64, 48).world_from_camera[1, 3]
+        for name in ("first", "second", "walk", "all")
+    }
+    assert heights == pytest.approx({"first": 8.0, "second": 4.0, "walk": 8.0, "all": 8.0})
+
+
+def test_scene_tells_when_loops_begin_anew_and_keys_change_at_once(tmp_path):
+    builder = GlbBuilder()
+    node = builder.node(mesh=builder.mesh())
+    path = [[0, 0, 0], [1, 0, 0], [1, 0, 0], [3, 0, 0]]
+    builder.animation((node, "translation", [0, 1, 2, 4], path, "STEP"))
+    glb = builder.write(tmp_path / "steps.glb")
+    assert Scene.load(glb).jumps(-1.0, 9.0) == [1.0, 4.0]
+    twice = Scene.load(glb, Playback(speed=2.0, offset_s=1.0))
+    assert twice.jumps(-1.0, 9.0) == [0.0, 1.5]
+    looped = Scene.load(glb, Playback(loop=True))
+    assert looped.jumps(3.5, 5.5) == [4.0, 4.0, 5.0]
+    assert looped.jumps(0.0, 4.0) == []
+    assert looped.jumps(4.1, 4.9) == []
+
+
 def test_animations_of_different_nodes_play_together(tmp_path):
     builder = clips("walk")
     other = builder.node(mesh=0)

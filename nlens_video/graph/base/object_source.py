@@ -14,7 +14,9 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box, Float64, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Shutter
 from nlens_video.core.settings import ObjectSettings
+from nlens_video.effects.motion_blur import NEGLIGIBLE_SPAN_PX
 from nlens_video.graph.base.view import MARGIN_LIMIT_PX, ScreenBounds, View, bounds_near_frame
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from nlens_video.video.exr import LayerReader
 
 _TRACE = 2.0**-24  # alpha below the precision of any plate
+_MOMENT_S = 1e-6  # in which nothing moves visibly that moves at all
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,8 +76,19 @@ class ObjectSource(ABC):
         return self.scene.triangles(time_s, self.footprint_node)
 
     def places(self, time_s: float) -> Float64 | None:
-        """Columns, rows [px] and depths [scene unit] (V, 3) of the vertices; None if unknown."""
+        """Columns, rows [px] and depths [scene unit] (V, 3) of the vertices; None if unknown.
+
+        Of those behind the camera they are NaN.
+        """
         return None
+
+    def shutter_at(self, shutter: Shutter, time_s: float) -> Shutter:
+        """The plate's shutter on a frame; shorter where the object leaves its place at once.
+
+        Where a loop begins anew or a key changes a value at once, nothing crosses the space
+        between, and no mean over both sides is a blur.
+        """
+        return shutter
 
     def travel_bound_px(self, moments: Sequence[float]) -> float:
         """Upper bound of any vertex's path on the screen over the moments; inf if unknown [px]."""
@@ -105,13 +119,28 @@ class RenderedObject(ObjectSource):
         """Bounds on a frame; None where they miss it and all that can blur into it."""
         return bounds_near_frame(self.scene, self.view, time_s)
 
-    def places(self, time_s: float) -> Float64 | None:
-        """As of `ObjectSource`; None if a vertex lies behind the camera."""
+    def places(self, time_s: float) -> Float64:
+        """As of `ObjectSource`."""
         camera = self.camera(time_s)
         seen = camera.to_camera(self.scene.pose(time_s).vertices().astype(np.float64))
-        if not (seen[:, 2] < 0.0).all():
-            return None
-        return np.column_stack([camera.pixels(seen), -seen[:, 2]])
+        before = seen[:, 2] < 0.0
+        if before.all():
+            return np.column_stack([camera.pixels(seen), -seen[:, 2]])
+        places = np.full(seen.shape, np.nan)
+        places[before] = np.column_stack([camera.pixels(seen[before]), -seen[before, 2]])
+        return places
+
+    def shutter_at(self, shutter: Shutter, time_s: float) -> Shutter:
+        """As of `ObjectSource`."""
+        start_s, _, end_s = shutter.edges(time_s)
+        away = [abs(one - time_s) for one in self.scene.jumps(start_s, end_s) if self._jumps(one)]
+        return shutter.shortened(2.0 * max(0.0, min(away) - _MOMENT_S)) if away else shutter
+
+    def _jumps(self, time_s: float) -> bool:
+        """Whether vertices are elsewhere on the screen right after a moment than right before."""
+        before, after = (self.places(time_s + side * _MOMENT_S) for side in (-1.0, 1.0))
+        ways = np.abs(after[:, :2] - before[:, :2])
+        return float(np.nanmax(ways, initial=0.0)) >= NEGLIGIBLE_SPAN_PX
 
     def travel_bound_px(self, moments: Sequence[float]) -> float:
         """As of `ObjectSource`, without moving a vertex."""

@@ -162,7 +162,8 @@ class ShadowNode(Node):
         still = (self._seen(bounds.time_s, bounds),)
         if motion is None:
             return still
-        shutter, height = self._context.shutter, self._context.ground_height
+        height = self._context.ground_height
+        shutter = self._context.objects.shutter_at(self._context.shutter, bounds.time_s)
         edges = [self._seen(time_s, bounds) for time_s in shutter.edges(bounds.time_s)]
         places = shadow_places(edges, light.lamps, height)
         coc_px, _ = ground_blur(bounds.camera, height, _bounds(places[1]), fit)

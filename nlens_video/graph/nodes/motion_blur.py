@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nlens_video.core.box import Box
-from nlens_video.core.layers import BlurredLayer, ObjectLayer
+from nlens_video.core.layers import BlurredLayer, Float64, ObjectLayer
 from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
     NEGLIGIBLE_SPAN_PX,
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
+    from nlens_video.scene.camera import Camera
 
 
 class MeasureMotion(Node):
@@ -44,16 +45,39 @@ class MeasureMotion(Node):
         )
 
     def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> Motion | None:
-        moments = self._shutter.edges(bounds.time_s)
-        if self._objects.travel_bound_px(moments) < NEGLIGIBLE_SPAN_PX:
+        if self._objects.travel_bound_px(self._shutter.edges(bounds.time_s)) < NEGLIGIBLE_SPAN_PX:
             return None
-        seen = [self._objects.places(moment) for moment in moments]
-        known = [places for places in seen if places is not None and len(places)]
-        if len(known) < len(seen):
+        shutter = self._objects.shutter_at(self._shutter, bounds.time_s)
+        seen = [self._objects.places(moment) for moment in shutter.edges(bounds.time_s)]
+        known = followed([places for places in seen if places is not None], bounds.camera)
+        if not known:
             return None
         disparity = np.array([1.0 / places[:, 2] for places in known], np.float32)
         coc_px = np.zeros(disparity.shape) if fit is None else fit.coc_px(disparity).astype(float)
         return measure_motion([places[:, :2] for places in known], coc_px, self._most_moments)
+
+
+def followed(seen: Sequence[Float64], camera: Camera) -> list[Float64]:
+    """Those of some vertices whose motion counts; nothing where there are none.
+
+    What passes close to the camera crosses any number of pixels far beyond the frame. So the
+    vertices count that are within a frame's size of it half way, or all where none are.
+
+    Args:
+        seen: places of the vertices (V, 3) when the shutter opens, half way, and when it closes;
+            NaN behind the camera.
+        camera: tells the frame.
+    """
+    if not seen:
+        return []
+    before = np.isfinite([places[:, 2] for places in seen]).all(axis=0)
+    size = np.array([camera.width, camera.height])
+    middle = seen[len(seen) // 2][:, :2]
+    near = before & ((middle > -size) & (middle < 2 * size)).all(axis=1)
+    chosen = near if near.any() else before
+    if chosen.all():
+        return list(seen)
+    return [places[chosen] for places in seen] if chosen.any() else []
 
 
 class SelectSamples(Node):
@@ -82,7 +106,8 @@ class RenderMotion(Node):
         self, bounds: ScreenBounds, moments: Motion, layer: ObjectLayer, frame_box: Box,
         fit: LensFit | None,
     ) -> BlurredLayer:  # fmt: skip
-        times = self._shutter.middles(bounds.time_s, len(moments.ways))
+        shutter = self._objects.shutter_at(self._shutter, bounds.time_s)
+        times = shutter.middles(bounds.time_s, len(moments.ways))
 
         def rendered(numbers: range) -> Iterator[ObjectLayer | None]:
             for number in numbers:

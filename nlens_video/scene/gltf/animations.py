@@ -6,7 +6,7 @@ first and last key hold before and after the key range.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,8 @@ import numpy.typing as npt
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import ALL
-from nlens_video.scene.gltf.animation_kernels import sample
+from nlens_video.scene.gltf.animation_kernels import STEP, sample
+from nlens_video.scene.gltf.document import Document
 
 TrackKey = tuple[int, str]
 _LISTED = 12
@@ -40,6 +41,12 @@ class AnimationTrack:
     times: tuple[float, ...]
     values: Float64
 
+    def steps(self) -> Iterator[float]:
+        """Times of the keys whose value is another than that of the key before [s]."""
+        values = self.values[:, 1]
+        for key in np.flatnonzero((values[1:] != values[:-1]).any(axis=1)):
+            yield self.times[key + 1]
+
 
 @dataclass(slots=True)
 class Animation:
@@ -48,16 +55,20 @@ class Animation:
     Attributes:
         tracks: animated properties; each node's property at most once.
         duration_s: time of the last key [s]; 0 where nothing is animated.
+        steps: times of the keys that change a value at once, from the first on [s].
     """
 
     tracks: tuple[AnimationTrack, ...]
     duration_s: float = field(init=False)
+    steps: tuple[float, ...] = field(init=False)
     _moving: _Bank | None = field(init=False)
     _morphing: dict[int, _Bank] = field(init=False)
     _zooming: dict[int, _Bank] = field(init=False)
 
     def __post_init__(self) -> None:
         self.duration_s = max((track.times[-1] for track in self.tracks), default=0.0)
+        stepping = (track for track in self.tracks if track.kind == STEP)
+        self.steps = tuple(sorted({time for track in stepping for time in track.steps()}))
         moving = [track for track in self.tracks if track.path in _COLUMNS]
         self._moving = _Bank.of(moving) if moving else None
         self._morphing, self._zooming = (
@@ -159,36 +170,46 @@ class Animations:
     def chosen(self, which: str) -> Animation:
         """What plays: one animation by its name, else by its number, or all.
 
-        Of those that move the same thing (walk, run), all means the first; see `left_out`.
+        Of those that move the same thing (walk, run), all means the first; see `name_alternatives`.
 
         Raises:
             SceneError: the file has no such animation.
         """
-        if which == ALL and ALL not in self.names:
+        if self._all_play(which):
             left_out = self._alternatives()
             clips = [clip for at, clip in enumerate(self.clips) if at not in left_out]
         else:
             clips = [self.clips[self._number(which)]]
         return Animation(tuple(track for clip in clips for track in clip.values()))
 
-    def played(self) -> tuple[str, ...]:
-        """Names of those that play where `all` is said."""
-        left_out = self._alternatives()
-        playing = [number for number in range(len(self.names)) if number not in left_out]
-        return tuple(self.names[number] or f"number {number}" for number in playing)
+    def name_alternatives(self, document: Document, which: str) -> None:
+        """Warn of those that do not play though `all` was said: alternatives of the others."""
+        left_out = self._alternatives() if self._all_play(which) else ()
+        if not left_out:
+            return
+        names = [name or f"number {number}" for number, name in enumerate(self.names)]
+        played = [name for number, name in enumerate(names) if number not in left_out]
+        left = [names[number] for number in left_out]
+        document.warn(
+            f"{listed(played)} {'plays' if len(played) == 1 else 'play'}; {listed(left, 4)} "
+            "would move the same parts: choose with --animation NAME"
+        )
 
-    def left_out(self, which: str) -> tuple[str, ...]:
-        """Names of those that do not play though `all` was said: alternatives of the others."""
-        if which != ALL or ALL in self.names:
-            return ()
-        return tuple(self.names[number] or f"number {number}" for number in self._alternatives())
+    def of_cameras(self, nodes: frozenset[int], which: str) -> Animation:
+        """All that moves some nodes and zooms cameras, whichever animation plays on the rest.
 
-    def of_cameras(self, nodes: frozenset[int]) -> Animation:
-        """All that moves some nodes and zooms cameras, whichever animation plays on the rest."""
-        tracks: dict[TrackKey, AnimationTrack] = {}
+        What plays comes first; of what it leaves alone, the first animation of each.
+
+        Raises:
+            SceneError: the file has no such animation.
+        """
+        tracks = {} if self._all_play(which) else self.clips[self._number(which)]
         for clip in self.clips:
             tracks = clip | tracks
         return Animation(tuple(t for t in tracks.values() if t.path == "yfov" or t.node in nodes))
+
+    def _all_play(self, which: str) -> bool:
+        return which == ALL and ALL not in self.names
 
     def _alternatives(self) -> tuple[int, ...]:
         taken: set[TrackKey] = set()
