@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -188,6 +189,17 @@ def _unless(reason: str, variable: str) -> None:
         pytest.fail(f"{variable}=1, but {reason}", pytrace=False)
     if reason:
         pytest.skip(reason)
+
+
+@pytest.fixture(autouse=True)
+def ordinary_priority_is_kept() -> Iterator[None]:
+    """A test that is left with a real-time thread would stop the machine with the next ones."""
+    yield
+    if hasattr(os, "sched_getscheduler"):
+        left = os.sched_getscheduler(0)
+        if left:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        assert left == os.SCHED_OTHER, "this thread has become a real-time one"
 
 
 @pytest.fixture

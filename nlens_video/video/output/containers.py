@@ -23,6 +23,7 @@ from av.stream import Stream
 from av.video.stream import VideoStream
 
 from nlens_video.video.info import CopiedStream, is_cover
+from nlens_video.video.output.encoder_threads import ordinary_priority
 
 MP4_FAMILY = ("mp4", "mov", "ipod", "3gp", "3g2", "ismv", "f4v")
 """FFmpeg's muxers of ISO base media files."""
@@ -225,15 +226,14 @@ def _is_found_again(
     if av.ContainerFormat(container, "w").no_file:
         with av.open("nowhere", "w", format=container) as out:
             return encoder in out.supported_codecs
-    found = _trial(container, write)
-    return bool(found) and _named(av.Codec(encoder, "w"), pixel_format) in found
+    return _named(av.Codec(encoder, "w"), pixel_format) in _trial(container, write)
 
 
 def _trial(container: str, write: Callable[[av.container.OutputContainer], None]) -> _Streams:
     """The streams that FFmpeg finds in a trial; none where it cannot be written."""
     file = io.BytesIO()
     try:
-        with av.open(file, "w", format=container) as out:
+        with ordinary_priority(), av.open(file, "w", format=container) as out:
             write(out)
         file.seek(0)
         with av.open(file, "r") as found:

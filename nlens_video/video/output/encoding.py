@@ -14,6 +14,7 @@ from av.video.stream import VideoStream
 from nlens_video.core.errors import Note, NoteKind, OutputError, UsageError
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.output.containers import canonical, is_recent
+from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
     encoder_called,
@@ -190,7 +191,8 @@ def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
     context.time_base = 1 / context.framerate
     context.options = encoder_options(name, pixel_format, None, interlaced=info.interlaced)
     try:
-        context.open()
+        with ordinary_priority():
+            context.open()
     except (av.FFmpegError, ValueError):
         return False
     return True

@@ -18,6 +18,7 @@ from nlens_video.video.exr import write_layers
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence
+from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import choose_encoding
 from nlens_video.video.pixels.picture import picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import (
@@ -133,7 +134,8 @@ class StillSink(Sink):
         context.options = dict(_QUALITY.get(self._codec, {}))
         pixels.pts, pixels.pict_type = 0, 0
         pixels.time_base = Fraction(1, 25)
-        packets = [*context.encode(pixels), *context.encode(None)]
+        with ordinary_priority():
+            packets = [*context.encode(pixels), *context.encode(None)]
         return b"".join(bytes(packet) for packet in packets)
 
     def _whole_format(self) -> str:

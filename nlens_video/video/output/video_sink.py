@@ -22,6 +22,7 @@ from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.output.carried_streams import CarriedStreams, sample_entry, set_tags
 from nlens_video.video.output.containers import holds_video
+from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.pixels.picture import picture_frame
@@ -217,7 +218,8 @@ class VideoSink(Sink):
         set_tags(stream, info)
         self._set_colour(stream)
         try:
-            context.open()
+            with ordinary_priority():
+                context.open()
         except av.FFmpegError as error:
             width, height = info.stored_size
             raise OutputError(
