@@ -283,6 +283,20 @@ def test_back_faces_are_culled_unless_double_sided_and_then_lit_from_behind(tmp_
         np.testing.assert_allclose(rgba, [float(double_sided)] * 4, atol=2e-3)
 
 
+@pytest.mark.parametrize("behind", [False, True])
+def test_far_things_do_not_cut_near_ones_away(tmp_path, behind):
+    builder = GlbBuilder()
+    number = unlit(builder, (0.5, 0.25, 0.75, 1))
+    quad(builder, number=number)
+    near_rgba, near_depth = centre(draw(builder, tmp_path))
+    quad(builder, number=number, node={"translation": [900.0, 0.0, -9000.0]})
+    if behind:
+        quad(builder, number=number, node={"translation": [0.0, 0.0, 50.0]})
+    rgba, depth = centre(draw(builder, tmp_path))
+    np.testing.assert_allclose(rgba, near_rgba, atol=2e-3)
+    assert depth == pytest.approx(near_depth, rel=1e-3)
+
+
 def test_mirrored_node_shows_its_front_faces(tmp_path):
     builder = GlbBuilder()
     quad(builder, number=material(builder), node={"scale": [-1, 1, 1]})

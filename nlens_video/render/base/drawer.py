@@ -17,9 +17,10 @@ from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.screen_projection import extent
 
-# Nearest depth that is drawn, as a share of the farthest: closer, a float32 depth buffer would not
-# tell 1e-4 of the far depth any more.
-_NEAR_SHARE = 1e-3
+# Nearest depth that is drawn, as a share of the farthest: by a float32 depth buffer surfaces there
+# are then told apart by 1 %, 1 per mille, 1e-4 of the far depth.
+_LEAST_SHARE = 1e-5  # where all is before the camera
+_LEAST_THROUGH_SHARE, _MOST_THROUGH_SHARE = 1e-4, 1e-3  # where something reaches behind it
 _ALL = 2.0  # window depth beyond everything
 _SAME_PLACE = 1e-8  # vertices as close as this are one [size of the mesh]
 
@@ -59,7 +60,7 @@ def view_setup(
     if not far > 0.0:
         return None
     lowest *= 1.0 - 1e-4
-    near = max(lowest, _NEAR_SHARE * far)
+    near = max(lowest, _LEAST_SHARE * far) if lowest > 0.0 else _near_through(posed, camera, far)
     limit = Box(0, 0, camera.width, camera.height).expanded(margin)
     box = limit
     if lowest >= near:  # else a triangle may cross the near plane and cover anything
@@ -69,6 +70,17 @@ def view_setup(
     return ViewSetup(
         posed=posed, lighting=lighting, camera=camera, box=box, near=near, far=far, nearest=nearest
     )
+
+
+def _near_through(posed: PosedScene, camera: Camera, far: float) -> float:
+    """Depth of the near plane where something reaches behind the camera [scene unit].
+
+    What lies there may be out of view, and far things no reason to cut near ones: the nearest
+    vertex before the camera is drawn, unless it is much nearer than all others.
+    """
+    depth = -camera.to_camera(posed.vertices().astype(np.float64))[:, 2]
+    nearest = float(depth[depth > 0.0].min()) * (1.0 - 1e-4)
+    return min(max(nearest, _LEAST_THROUGH_SHARE * far), _MOST_THROUGH_SHARE * far)
 
 
 def _screen_box(low: tuple[float, float], high: tuple[float, float], limit: Box) -> Box:
