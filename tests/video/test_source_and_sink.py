@@ -148,6 +148,21 @@ def test_packet_with_an_undefined_dts_gets_its_pts(tmp_path):
     assert (second.pts, second.dts) == (200, 120)
 
 
+@pytest.mark.parametrize("codec", ["libx264", "libx265"])
+@pytest.mark.parametrize("extension", ["mp4", "mkv"])
+def test_gap_of_more_than_a_minute_between_frames_is_kept(tmp_path, extension, codec):
+    pts = [40 * number + (70000 if number > 6 else 0) for number in range(14)]
+    clip = write_clip(
+        tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p", seed) for seed in range(14)],
+        codec=codec, pts=pts, time_base=Fraction(1, 1000), options={"bf": "3"},
+    )  # fmt: skip
+    out = tmp_path / f"out.{extension}"
+    copy(clip, out)
+    assert read_times(out) == read_times(clip) == [Fraction(moment, 1000) for moment in pts]
+    with av.open(str(out)) as result:
+        assert any(one.pts != one.dts for one in result.demux(video=0) if one.dts is not None)
+
+
 MASTERED = (
     "log-level=error:hdr10=1:repeat-headers=1:max-cll=1000,400:master-display="
     "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1)"

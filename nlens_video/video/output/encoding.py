@@ -51,7 +51,7 @@ _MPEG_RATES = (
 _FIXED_RATE = ("mpeg1video", "mpeg2video")
 _MPEG4_LARGEST = 65535
 """Largest denominator of a time base in an MPEG-4 part 2 header."""
-_LONGEST_DELAY_S = 60  # from decoding to display: longer ones are errors
+_LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
 Packets: TypeAlias = "list[av.Packet[VideoStream]]"
 Holds = Callable[[str, str], bool]
 """Whether a container holds pictures of an encoder in a pixel format."""
@@ -233,22 +233,25 @@ class EncoderClock:
 
     def __init__(self, info: SourceInfo) -> None:
         self.time_base = info.time_base
-        self._longest: int | None = None  # delay, in ticks of the encoder's packets
+        self._first: int | None = None
+        self._longest_s = Fraction(_LONGEST_DELAY_S)
 
     def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
         """Set the time of a frame to encode."""
         encoded.pts, encoded.time_base = frame.pts, frame.time_base
         encoded.duration = frame.duration
+        self._first = frame.pts if self._first is None else self._first
+        # the first packet may be decoded as long before its frame as the clip lasts
+        self._longest_s = _LONGEST_DELAY_S + 2 * (frame.pts - self._first) * frame.time_base
 
     def retimed(self, packets: Packets) -> Packets:
         """The packets, in place, at the source's times."""
         for packet in packets:
-            if self._longest is None and packet.time_base:
-                self._longest = int(_LONGEST_DELAY_S / packet.time_base)
-            # x265 leaves dts undefined in clips shorter than its reordering delay
-            if packet.pts is not None and packet.dts is not None and self._longest is not None:
-                if abs(packet.pts - packet.dts) > self._longest:
-                    packet.dts = packet.pts
+            if packet.pts is None or packet.dts is None:
+                continue
+            # x265 leaves dts to chance in clips shorter than its reordering delay
+            if abs(packet.pts - packet.dts) * Fraction(packet.time_base or 1) > self._longest_s:
+                packet.dts = packet.pts
         return packets
 
 
