@@ -88,6 +88,7 @@ class Instance:
     skin: Skin | None
     weights: Float64
     _influence: tuple[Int32, Float32] | None = field(init=False, default=None)
+    _carried: Float64 | None = field(init=False, default=None)  # weight of each joint (J,)
     _last: tuple[bytes, PosedMesh] | None = field(init=False, default=None)
     _boxes: Float64 | None = field(init=False, default=None)
 
@@ -105,6 +106,9 @@ class Instance:
         # joints of no weight may point anywhere
         kept = np.where(weights > 0.0, weights, 0.0).astype(np.float32)
         self._influence = np.ascontiguousarray(joints, np.int32), kept
+        held = kept > 0.0
+        self._carried = np.zeros(count)
+        np.add.at(self._carried, joints[held], kept[held])
 
     def place(self, world: Float64, weights: Float64 | None) -> PosedMesh:
         """The geometry in the world; the very same object while nothing moves.
@@ -168,8 +172,7 @@ class Instance:
 
     def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
         positions, normals = self._morphed(amounts)
-        mirrored = False
-        if self._influence is None:
+        if self._influence is None or self._carried is None:
             linear = carriers[:3, :3]
             placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
             turned = unit(normals @ _cofactor(linear).T.astype(np.float32))
@@ -181,6 +184,9 @@ class Instance:
                 np.ascontiguousarray(positions), np.ascontiguousarray(normals), *self._influence,
                 matrices, placed, turned,
             )  # fmt: skip
+            # by sides alone: a joint that is scaled up carries no more of the surface
+            sides = np.sign(np.linalg.det(carriers[:, :3, :3]))
+            mirrored = bool(sides @ self._carried < 0.0)
         if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
             turned = -turned if mirrored else turned

@@ -111,6 +111,40 @@ def test_normals_stay_perpendicular_under_uneven_scale_and_out_of_a_mirrored_mes
     assert (stretched.mirrored, mirrored.mirrored) == (False, True)
 
 
+@pytest.mark.parametrize("flat", [False, True], ids=["normals", "flat"])
+def test_skin_of_a_mirrored_skeleton_faces_outwards_as_its_rigid_twin_does(tmp_path, flat):
+    builder = GlbBuilder()
+    slope = np.array([[0, 0, 0], [1, 0, -1], [0, 1, 0]], np.float32)
+    faces = np.array([[0, 1, 2]], np.uint16)
+    normals = {} if flat else {"NORMAL": np.array([[1, 0, 1]] * 3, np.float32) / np.sqrt(2)}
+    held = {
+        "JOINTS_0": np.zeros((3, 4), np.uint8),
+        "WEIGHTS_0": np.eye(4, dtype=np.float32)[[0] * 3],
+    }
+    bones = [builder.node(root=False), builder.node(scale=[9, 9, 9])]
+    carried = builder.mesh(slope, faces, **normals, **held)
+    skinned = builder.node(
+        root=False, mesh=carried, skin=builder.skin(bones, np.stack([np.eye(4)] * 2))
+    )
+    rigid = builder.node(root=False, mesh=builder.mesh(slope, faces, **normals))
+    builder.node(children=[bones[0], skinned, rigid], scale=[-1, 1, 1])
+    skin, twin = load(builder, tmp_path).pose(0.0).meshes
+    np.testing.assert_allclose(skin.positions, twin.positions, atol=1e-6)
+    np.testing.assert_allclose(skin.normals, twin.normals, atol=1e-6)
+    assert (skin.mirrored, twin.mirrored) == (True, True)
+
+
+def test_skin_of_a_turned_skeleton_is_not_mirrored(tmp_path):
+    builder = GlbBuilder()
+    held = {
+        "JOINTS_0": np.zeros((4, 4), np.uint8),
+        "WEIGHTS_0": np.eye(4, dtype=np.float32)[[0] * 4],
+    }
+    bone = builder.node(scale=[-1, -1, 1])
+    builder.node(mesh=builder.mesh(**held), skin=builder.skin([bone], [np.eye(4)]))
+    assert not load(builder, tmp_path).pose(0.0).meshes[0].mirrored
+
+
 def test_static_mesh_returns_the_same_pose_at_all_times(tmp_path):
     builder = GlbBuilder()
     still, moving = builder.node(mesh=builder.mesh()), builder.node(mesh=builder.mesh())
