@@ -3,33 +3,27 @@
 Which values name files is a column of the option table (`options.files`). As FFmpeg does, a command
 on a terminal asks before it replaces a file; `-y` answers. A script may run the same command again;
 there only a write-protected file, and a report's page that another program has written, are
-refused.
+refused, and a shot file's own result that a part of its frames would replace.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import re
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-from urllib.parse import unquote
 
-from nlens_video.core.errors import OutputError
+from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.core.stdio import escape_controls, standard_error
 from nlens_video.options.commands import JOBS
-from nlens_video.options.files import PAGE, Files
+from nlens_video.options.files import PAGE, Files, beside_scene, listed
 from nlens_video.options.option import Option
 from nlens_video.options.table import ROWS
 from nlens_video.video.named_files import NamedFiles, local_path
 
-_URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
-_LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
-_MOST_LIST_BYTES = 1 << 20
 GENERATOR = "nlens-video"
 """Content of the `meta` element `generator` in the pages that are written here."""
 _OUR_PAGES = (f'name="generator" content="{GENERATOR}"', '<p class="eyebrow">nlens-video')
@@ -117,9 +111,12 @@ def check_outputs(*commands: Namespace, overwrite: bool) -> None:
 
     Raises:
         OutputError: they may not run.
+        UsageError: the only one would replace a shot file's result by a part of it.
     """
     _refuse_collisions(commands)
     if not overwrite:
+        if len(commands) == 1:  # a list of shots says on purpose what becomes what
+            _refuse_part(commands[0])
         _settle_existing(commands)
 
 
@@ -178,48 +175,28 @@ def _named_inside(args: Namespace) -> Iterator[Use]:
         yield Use("the shot file", str(shot_file), NamedFiles(shot_file))
     scene, plate = getattr(args, "glb", None), getattr(args, "input", None)
     if scene is not None:
-        for path in _beside_scene(Path(scene)):
+        for path in beside_scene(Path(scene)):
             yield Use("a file of the scene", str(path), NamedFiles(path))
     for other in getattr(args, "others", None) or ():
         yield Use("an object", str(other.glb), NamedFiles(other.glb))
-        for path in _beside_scene(other.glb):
+        for path in beside_scene(other.glb):
             yield Use("a file of the scene", str(path), NamedFiles(path))
     plate_path = None if plate is None else local_path(plate)
-    if plate_path is not None and plate_path.suffix.lower() in _LISTS:
-        for path in _listed(plate_path):
+    if plate_path is not None:
+        for path in listed(plate_path):
             yield Use("a file of the plate", str(path), NamedFiles(path))
 
 
-def _beside_scene(scene: Path) -> Iterator[Path]:
-    """Buffers and images that a .gltf file names; a broken file is reported where it is loaded."""
-    if scene.suffix.lower() != ".gltf":
+def _refuse_part(args: Namespace) -> None:
+    """Refuse to replace a shot file's own result by some frames of it, such as a look at one."""
+    if not getattr(args, "part_of_shot", False) or args.plan:
         return
-    try:
-        text = scene.read_bytes()
-    except OSError:
-        return
-    for match in _URI.finditer(text):
-        try:
-            name = str(json.loads(match[1]))
-        except ValueError:
-            continue
-        if not name.startswith("data:"):
-            yield scene.parent / unquote(name)
-
-
-def _listed(plate: Path) -> Iterator[Path]:
-    """Files that a playlist names, bare or in quotes."""
-    try:
-        if plate.stat().st_size > _MOST_LIST_BYTES:
-            return
-        lines = plate.read_text(errors="replace").splitlines()
-    except OSError:
-        return
-    for line in lines:
-        for name in {line.strip(), *re.split(r"[\s'\"<>]+", line), *re.findall(r"'([^']+)'", line)}:
-            path = local_path(name) if name else None
-            if path is not None and len(name) < 255 and (plate.parent / path).is_file():
-                yield plate.parent / path
+    for result in uses(args, "writes"):
+        if result.name == "the result" and any(_existing(result)):
+            raise UsageError(
+                f"{result.given}: exists, and would be replaced by a part of {args.shot_file}; "
+                f"give the part another OUT, nlens-video {args.shot_file} OUT, or --overwrite"
+            )
 
 
 def _settle_existing(commands: tuple[Namespace, ...]) -> None:

@@ -1,14 +1,22 @@
-"""Files that option values name: the column of the option table that the path guard reads."""
+"""Files that option values name, the column of the option table, and that such files name."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import json
+import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+from urllib.parse import unquote
 
 from nlens_video.video.atomic_files import kept_name
+from nlens_video.video.named_files import local_path
+
+_URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
+_LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
+_MOST_LIST_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,3 +75,37 @@ RESULT = (
 CHUNK_FOLDER = Files("writes", "the folder of chunks", CHUNKS, when="as_chunk")
 CHUNKS_BESIDE = Files("writes", "the folder of chunks", CHUNKS, of=chunks_beside)
 RESUMED_CHUNKS = Files("writes", "the folder of chunks", CHUNKS, of=chunks_beside, when="resume")
+
+
+def beside_scene(scene: Path) -> Iterator[Path]:
+    """Buffers and images that a .gltf file names; a broken file is reported where it is loaded."""
+    if scene.suffix.lower() != ".gltf":
+        return
+    try:
+        text = scene.read_bytes()
+    except OSError:
+        return
+    for match in _URI.finditer(text):
+        try:
+            name = str(json.loads(match[1]))
+        except ValueError:
+            continue
+        if not name.startswith("data:"):
+            yield scene.parent / unquote(name)
+
+
+def listed(plate: Path) -> Iterator[Path]:
+    """Files that a plate names, bare or in quotes, where it is a playlist."""
+    if plate.suffix.lower() not in _LISTS:
+        return
+    try:
+        if plate.stat().st_size > _MOST_LIST_BYTES:
+            return
+        lines = plate.read_text(errors="replace").splitlines()
+    except OSError:
+        return
+    for line in lines:
+        for name in {line.strip(), *re.split(r"[\s'\"<>]+", line), *re.findall(r"'([^']+)'", line)}:
+            path = local_path(name) if name else None
+            if path is not None and len(name) < 255 and (plate.parent / path).is_file():
+                yield plate.parent / path

@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
@@ -16,7 +15,7 @@ from nlens_video.core.stdio import print_out
 from nlens_video.core.version import VERSION
 from nlens_video.options.commands import ANALYSE, COMMANDS, JOBS, MAKE, SHOT
 from nlens_video.options.readers import word
-from nlens_video.options.shot_file import is_shot_file, words_of
+from nlens_video.options.shot_file import is_shot_file, sets, words_of
 from nlens_video.options.table import OPTIONS, ROWS
 
 if TYPE_CHECKING:
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 _PROGRAM = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
-  nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`; or SHOT.toml
+  nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`; or SHOT.toml [OUT]
   nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
   nlens-video farm IN ANIM.glb OUT    the same, by many processes or machines
   nlens-video merge OUT CHUNK... --plate IN   join what --chunk-out has rendered
@@ -174,6 +173,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
     Returns:
         Its values; `command`, one of COMMANDS; `shot_file`, the file that it was read from, if any;
+        `part_of_shot`, whether the words after it choose frames but no other result than its own;
         with `--save-shot` also `given`, the words as texts.
 
     Raises:
@@ -185,9 +185,6 @@ def parse(argv: list[str]) -> argparse.Namespace:
         command, argv = argv[0], argv[1:]
     else:
         _check_command(argv)
-    shot_file = None
-    if command in SHOT and argv and is_shot_file(argv[0]):
-        shot_file, argv = Path(argv[0]), _with_shot_file(argv, command)
     many = command == "farm" and any(word.partition("=")[0] == "--jobs" for word in argv)
     parser = parser_of(JOBS if many else command)
     if command == "render" and not named:
@@ -195,23 +192,33 @@ def parse(argv: list[str]) -> argparse.Namespace:
             name for option in ROWS if option.often for name in option.flags
         ) | {"--version"}
         parser.whole = "nlens-video render"
+    shot_file, part = None, False
+    if command in SHOT and argv and is_shot_file(argv[0]):
+        shot_file, words = Path(argv[0]), argv[1:]
+        files = _files(parser, words)
+        argv = _with_shot_file(shot_file, words, files, command)
+        part = not files and sets("range", words)
     namespace = parser.parse_args(argv)
-    namespace.command, namespace.shot_file = command, shot_file
+    namespace.command, namespace.shot_file, namespace.part_of_shot = command, shot_file, part
     if getattr(namespace, "save_shot", None) is not None:
         namespace.given = _given(parser, argv)
     return namespace
 
 
-def _with_shot_file(argv: list[str], command: str) -> list[str]:
-    """The command line that a shot file, its first word, and the words after it make."""
-    path = Path(argv[0])
-    named = list(takewhile(lambda word: not word.startswith("-"), argv[1:]))
-    alone = words_of(path, named, command)
+def _files(parser: Parser, words: list[str]) -> list[str]:
+    """Those of the words after a shot file that are neither options nor values of options."""
+    _, beyond = parser.parse_known_args(["-", "-", "-", *words])
+    return [word for word in beyond if word == "-" or not word.startswith("-")]
+
+
+def _with_shot_file(path: Path, words: list[str], files: list[str], command: str) -> list[str]:
+    """The command line that a shot file and the words after it, among them files, make."""
+    alone = words_of(path, files[:1], command, own_output=not files)
     try:
         parser_of(command).parse_args(alone)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from error
-    return words_of(path, argv[1:], command)
+    return words_of(path, words, command, own_output=not files)
 
 
 def _given(parser: Parser, argv: list[str]) -> argparse.Namespace:

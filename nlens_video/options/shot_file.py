@@ -74,22 +74,31 @@ def is_shot_file(word: str) -> bool:
     return word.endswith(".toml") and not word.startswith("-")
 
 
-def words_of(path: Path, words: Sequence[str], command: str) -> list[str]:
+def words_of(
+    path: Path, words: Sequence[str], command: str, *, own_output: bool = True
+) -> list[str]:
     """The command line that a shot file and the words after it make.
 
     Args:
         path: the shot file.
-        words: of `fit` the file to write; then options, which win over those of the shot file.
+        words: the file to write, where it is not the shot file's own; and options, which win over
+            those of the shot file.
         command: `render`, `fit` or `farm`; options that it does not have are left out.
+        own_output: whether the shot file's own result is written; never by `fit`.
 
     Raises:
         UsageError: the file cannot be read, or is no shot file.
     """
-    return words_by(read_tables(path), path, words, command)
+    return words_by(read_tables(path), path, words, command, own_output=own_output)
 
 
 def words_by(
-    tables: Tables, path: Path, words: Sequence[str] = (), command: str = "render"
+    tables: Tables,
+    path: Path,
+    words: Sequence[str] = (),
+    command: str = "render",
+    *,
+    own_output: bool = True,
 ) -> list[str]:
     """As `words_of`, of tables that are, or will be, in a shot file.
 
@@ -98,13 +107,14 @@ def words_by(
         path: the shot file, from whose folder files are named.
         words: as of `words_of`.
         command: as of `words_of`.
+        own_output: as of `words_of`.
 
     Raises:
         UsageError: they are not those of a shot file.
     """
     plain, listed = apart(tables, path, rows_of)
     given = given_by(plain, path)
-    named = _POSITIONALS[:2] if command == "fit" else _POSITIONALS
+    named = _POSITIONALS if own_output and command != "fit" else _POSITIONALS[:2]
     for attribute in named:
         if attribute not in given:
             table = _TABLE_OF[attribute]
@@ -121,6 +131,11 @@ def words_by(
     ]
     first = next((at for at, word in enumerate(words) if word.startswith("--")), len(words))
     return [*(given[one][1] for one in named), *words[:first], *options, *words[first:]]
+
+
+def sets(attribute: str, words: Sequence[str]) -> bool:
+    """Whether one of the words of a command line may set an attribute of the parsed arguments."""
+    return any(attribute in _attributes(word) for word in words)
 
 
 def _attributes(word: str) -> set[str]:

@@ -55,6 +55,38 @@ def test_shot_file_is_not_written_over(still, tmp_path):
     assert kept.read_text() == before
 
 
+@pytest.fixture
+def finished(still, tmp_path):
+    """A shot file whose result is there."""
+    kept = tmp_path / "shot.toml"
+    kept.write_text('version = 1\n[plate]\nfile="in.png"\n[object]\nfile="anim.glb"\n[lens]\n'
+                    'fit="fit.json"\n[quality]\npreset="draft"\n[output]\nfile="out.png"\n'
+                    )  # fmt: skip
+    (tmp_path / "out.png").write_bytes(b"the finished picture")
+    return kept
+
+
+@pytest.mark.parametrize("words", [["--frame", "0"], ["--range", "0:1", "--crf", "20"]])
+def test_finished_result_of_a_shot_is_not_replaced_by_a_part_of_it(finished, tmp_path, words):
+    said = one_line(nlens(finished, *words, "-q"), 2)
+    assert f"give the part another OUT, nlens-video {finished} OUT, or --overwrite" in said
+    assert (tmp_path / "out.png").read_bytes() == b"the finished picture"
+    assert nlens(finished, *words, "-q", "--plan").returncode == 0
+
+
+def test_part_of_a_shot_goes_where_it_is_told(finished, tmp_path):
+    assert nlens(finished, tmp_path / "look.png", "--frame", "0", "-q").returncode == 0
+    assert (tmp_path / "look.png").stat().st_size > 1000
+    assert (tmp_path / "out.png").read_bytes() == b"the finished picture"
+    assert nlens(finished, "--frame", "0", "-q", "--overwrite").returncode == 0
+    assert (tmp_path / "out.png").read_bytes() == (tmp_path / "look.png").read_bytes()
+
+
+def test_whole_shot_may_be_rendered_again_by_a_script(finished, tmp_path):
+    assert nlens(finished, "-q").returncode == 0
+    assert (tmp_path / "out.png").stat().st_size > 1000
+
+
 def test_shot_file_that_cannot_be_written_is_told(still, tmp_path):
     said = one_line(nlens(*still, "--save-shot", str(tmp_path / "none" / "a.toml")), 6)
     assert "does not exist; make it first" in said

@@ -81,6 +81,28 @@ def test_options_after_a_shot_file_win(tmp_path):
     assert (args.shutter, args.size, args.range) == (45.0, 0.5, (7, 8))
 
 
+@pytest.mark.parametrize(
+    "words",
+    [["look.png", "--frame", "7"], ["--frame", "7", "look.png"], ["-q", "look.png", "--frame=7"]],
+)
+def test_result_after_a_shot_file_wins(tmp_path, words):
+    args = parse([shot(tmp_path, WHOLE), *words])
+    assert (args.output, args.range, args.size) == ("look.png", (7, 8), 0.3)
+    assert parse(["farm", shot(tmp_path, WHOLE), "-"]).output == "-"
+
+
+def test_shot_file_without_a_result_takes_the_one_after_it(tmp_path):
+    path = shot(tmp_path, WHOLE.partition("[output]")[0])
+    assert parse([path, "o.mp4"]).output == "o.mp4"
+    with pytest.raises(UsageError, match="names no output"):
+        parse([path])
+
+
+def test_second_result_after_a_shot_file_is_refused(tmp_path):
+    with pytest.raises(UsageError, match=r"unrecognized arguments: b\.png"):
+        parse([shot(tmp_path, WHOLE), "a.png", "b.png"])
+
+
 def test_fit_and_farm_take_from_a_shot_file_what_they_have_options_for(tmp_path):
     text = WHOLE + '[quality]\npreset = "draft"\n'
     fitted = parse(["fit", shot(tmp_path, text), "fit.json", "--fallback", "constant"])
