@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from nlens_video.core.errors import NlensError
+from nlens_video.core.stdio import standard_error
 from nlens_video.options.shot_objects import Tables
 from nlens_video.solve.evidence import PlateLines
 from nlens_video.studio.plate_frames import to_jpeg
@@ -148,6 +151,13 @@ class Previews:
             return Answer({**said, "error": str(error)})
         except MemoryError:
             return Answer({**said, "error": "out of memory; give a smaller plate or object"})
+        except (Stopped, Superseded):
+            raise
+        except Exception as error:  # noqa: BLE001 - a defect: the terminal shows it, pages go on
+            traceback.print_exc(file=standard_error())
+            with suppress(Exception):
+                self._stage.forget()
+            return Answer({**said, "error": f"unexpected: {type(error).__name__}: {error}"})
         spent_ms = 1e3 * (time.perf_counter() - started)
         return Answer({**said, **more, "took_ms": spent_ms}, picture)
 

@@ -197,11 +197,15 @@ class Stage:
             regression=None if found is None else found.regression,
         )  # fmt: skip
 
+    def forget(self) -> None:
+        """Free what is kept from picture to picture: a fault may have left it half made."""
+        bases, self._bases = self._bases, {}
+        for base in bases.values():
+            base.renderer.close()
+
     def close(self) -> None:
         """Free renderer, networks and files."""
-        for base in self._bases.values():
-            base.renderer.close()
-        self._bases.clear()
+        self.forget()
         if self._plate is not None:
             self._plate.frames.close()
 
