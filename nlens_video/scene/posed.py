@@ -93,6 +93,7 @@ class Instance:
     _boxes: Float64 | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
+        self.geometry = self.geometry.at_nodes.get(self.node, self.geometry)
         joints, weights = self.geometry.joints, self.geometry.weights
         if self.skin is None or joints is None or weights is None:
             self.skin = None

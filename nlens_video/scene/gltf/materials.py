@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from nlens_video.scene.gltf.document import Document
@@ -28,8 +28,8 @@ class Layers:
         anisotropy_rotation: along which direction, against the clock from the tangent [rad].
         transmission: share of light that goes through instead of being scattered back
             (KHR_materials_transmission), 0 to 1.
-        absorption: what a volume takes from that light (RGB; KHR_materials_volume), as optical
-            depth through its whole thickness [1].
+        depth: what a volume takes from that light (RGB; KHR_materials_volume), as optical depth
+            through its whole thickness, however large [1].
         bending: how much roughness blurs what is seen through it, 0 to 1, by the index of
             refraction.
     """
@@ -41,8 +41,13 @@ class Layers:
     anisotropy: float = 0.0
     anisotropy_rotation: float = 0.0
     transmission: float = 0.0
-    absorption: tuple[float, ...] = (0.0, 0.0, 0.0)
+    depth: tuple[float, ...] = (0.0, 0.0, 0.0)
     bending: float = 1.0
+
+    @property
+    def absorption(self) -> tuple[float, ...]:
+        """The optical depth (RGB), bounded where next to nothing comes through [1]."""
+        return tuple(min(depth, _OPAQUE) for depth in self.depth)
 
     @property
     def drawn(self) -> tuple[str, ...]:
@@ -103,6 +108,14 @@ class Material:
     anisotropy_texture: TextureUse | None = None
     transmission_texture: TextureUse | None = None
     thickness_texture: TextureUse | None = None
+
+    def at_scale(self, scale: float) -> Material:
+        """The same where its mesh is drawn at a scale [1].
+
+        The thickness of a volume counts in the mesh's space, what it takes from light in the world.
+        """
+        depth = tuple(scale * depth for depth in self.layers.depth)
+        return replace(self, layers=replace(self.layers, depth=depth))
 
     @property
     def see_through(self) -> bool:
@@ -204,21 +217,21 @@ def _read_layers(item: Fields, ior: float) -> Layers:
         anisotropy=stretched.number("anisotropyStrength", 0.0),
         anisotropy_rotation=stretched.number("anisotropyRotation", 0.0),
         transmission=min(max(clear.number("transmissionFactor", 0.0), 0.0), 1.0),
-        absorption=_absorption(_extension(item, "KHR_materials_volume")),
+        depth=_optical_depth(_extension(item, "KHR_materials_volume")),
         # as the Khronos sample viewer has it: nothing is bent at 1, everything from 1.5 on
         bending=min(max(2.0 * ior - 2.0, 0.0), 1.0) if ior > 0.0 else 1.0,
     )
 
 
-def _absorption(volume: Fields) -> tuple[float, ...]:
-    """Optical depth of a volume's whole thickness (RGB): Beer's law."""
+def _optical_depth(volume: Fields) -> tuple[float, ...]:
+    """Optical depth of a volume's whole thickness (RGB), of a mesh at scale 1: Beer's law."""
     distance = volume.positive("attenuationDistance")
     color = volume.vector("attenuationColor", 3, (1.0, 1.0, 1.0))
     thickness = volume.number("thicknessFactor", 0.0)
     if distance is None or thickness <= 0.0:
         return 0.0, 0.0, 0.0
     share = thickness / distance
-    return tuple(min(-math.log(min(max(c, _BLACK), 1.0)) * share, _OPAQUE) for c in color)
+    return tuple(-math.log(min(max(c, _BLACK), 1.0)) * share for c in color)
 
 
 def _extension(item: Fields, name: str) -> Fields:

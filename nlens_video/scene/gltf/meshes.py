@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from nlens_video.scene.gltf.accessors import DRACO, AccessorReader, DracoReader
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields, check_range
 from nlens_video.scene.gltf.materials import Material
+from nlens_video.scene.gltf.nodes import mesh_scales
 
 Int32 = npt.NDArray[np.int32]
 _MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips"}
@@ -36,6 +38,7 @@ class Geometry:
         weights: their weights (V, K), summing to 1, or None.
         targets: morph displacements (T, V, 3), or None [scene unit].
         target_normals: displacements of the normals (T, V, 3), or None.
+        at_nodes: what stands for it at nodes whose scale changes what it looks like.
     """
 
     name: str
@@ -50,6 +53,7 @@ class Geometry:
     weights: Float32 | None
     targets: Float32 | None
     target_normals: Float32 | None
+    at_nodes: Mapping[int, Geometry] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +100,33 @@ def read_meshes(
         SceneError: attributes missing, of the wrong kind or length, or indices out of range.
     """
     reader = _PrimitiveReader(document, accessors, materials, DracoReader(document, accessors))
-    return tuple(reader.mesh(item) for item in document.items("meshes"))
+    meshes = tuple(reader.mesh(item) for item in document.items("meshes"))
+    if not any(any(material.layers.depth) for material in materials):
+        return meshes
+    scales = mesh_scales(document, accessors)
+    made: dict[tuple[Material, float], Material] = {}
+    return tuple(
+        replace(
+            mesh,
+            geometries=tuple(_scaled(one, scales.get(number, {}), made) for one in mesh.geometries),
+        )
+        for number, mesh in enumerate(meshes)
+    )
+
+
+def _scaled(
+    geometry: Geometry, scales: dict[int, float], made: dict[tuple[Material, float], Material]
+) -> Geometry:
+    """The same with its volume as thick as each node's scale makes it; `made`: shared ones."""
+    if not any(geometry.material.layers.depth):
+        return geometry
+    own = geometry.material
+    at_scales = {
+        scale: replace(geometry, material=made.setdefault((own, scale), own.at_scale(scale)))
+        for scale in set(scales.values()) - {1.0}
+    }
+    at_nodes = {node: at_scales[scale] for node, scale in scales.items() if scale in at_scales}
+    return replace(geometry, at_nodes=at_nodes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -225,3 +226,58 @@ def read_skins(document: Document, accessors: AccessorReader) -> tuple[Skin, ...
             )
         skins.append(Skin(joints, inverse))
     return tuple(skins)
+
+
+def mesh_scales(document: Document, accessors: AccessorReader) -> dict[int, dict[int, float]]:
+    """Scale at which each node of a mesh draws it, by the mesh's index and the node's [1].
+
+    It is the cube root of how often the mesh's volume fits into what is drawn; of an animated
+    scale the largest, as things grow out of nothing. A skin's is the mean of its joints'.
+
+    Raises:
+        SceneError: a skin or a scale's keys are damaged.
+    """
+    nodes, meshes = document.items("nodes"), len(document.items("meshes"))
+    scales = _node_scales(document, accessors, nodes)
+    skins = [
+        float(np.mean(scales[list(skin.joints)] * _linear_scale(skin.inverse_bind)))
+        for skin in read_skins(document, accessors)
+    ]
+    found: dict[int, dict[int, float]] = {}
+    for index, node in enumerate(nodes):
+        mesh, skin = node.reference("mesh", meshes), node.reference("skin", len(skins))
+        scale = float(scales[index]) if skin is None else skins[skin]
+        if mesh is not None:
+            known = math.isfinite(scale) and scale > 0.0
+            found.setdefault(mesh, {})[index] = float(f"{scale:.6g}") if known else 1.0
+    return found
+
+
+def _node_scales(
+    document: Document, accessors: AccessorReader, nodes: tuple[Fields, ...]
+) -> Float64:
+    """Scale of each node's space in the world (N,), the largest over all animations."""
+    own: Float64 = np.cbrt(np.abs(np.prod(_rows(nodes, "scale", (1.0, 1.0, 1.0)), axis=1)))
+    own *= _linear_scale(_rows(nodes, "matrix", _EYE).reshape(-1, 4, 4))
+    for clip in document.items("animations"):
+        samplers = clip.children("samplers")
+        for channel in clip.children("channels"):
+            target = channel.child("target")
+            node = target.reference("node", len(nodes))
+            if node is None or target.text("path") != "scale":
+                continue
+            sampler = samplers[channel.integer("sampler", below=len(samplers))]
+            output = sampler.integer("output", below=accessors.count)
+            keys = accessors.floats(output, 3).astype(np.float64)
+            if sampler.text("interpolation") == "CUBICSPLINE":
+                keys = keys[1::3]  # between tangents
+            own[node] = max(own[node], np.cbrt(np.abs(np.prod(keys, axis=1)).max(initial=0.0)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        for node, parent in _order(_parents(nodes)).tolist():
+            own[node] *= own[parent] if parent >= 0 else 1.0
+    return own
+
+
+def _linear_scale(matrices: Float64) -> Float64:
+    """How much longer matrices (N, 4, 4) make things, whatever the direction (N,)."""
+    return np.asarray(np.cbrt(np.abs(np.linalg.det(matrices[:, :3, :3]))))
