@@ -81,10 +81,14 @@ def begun_look(settings: Settings) -> Iterator[Callable[[], FirstLook | None]]:
     look = begin_in_thread(lambda: first_look(settings, left))
     try:
         yield look
-    finally:
+    except BaseException:
         left.set()
-        with suppress(Exception):  # of a look that nobody waits for
+        with suppress(BaseException):  # an interrupt too: the first error keeps its notes
             look()
+        raise
+    left.set()
+    with suppress(Exception):  # of a look that nobody waits for
+        look()
 
 
 def first_look(settings: Settings, left: Event | None = None) -> FirstLook | None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from support import shots, takes
 
+from nlens_video.core import signals
 from nlens_video.core.errors import InputError
 from nlens_video.effects.foreground.still_survey import StillSurvey
 from nlens_video.options.parser import parse
@@ -125,6 +126,26 @@ def test_a_fault_of_a_look_is_raised_where_it_is_waited_for(tmp_path):
         pass
     with begun_look(asked(tmp_path)) as begun, pytest.raises(InputError, match=r"in\.mp4"):
         begun()
+
+
+@pytest.mark.parametrize("first", [KeyboardInterrupt(), InputError("no picture")])
+def test_an_interrupt_of_a_look_does_not_replace_the_error_that_ends_the_run(first, monkeypatch):
+    seen = Event()
+
+    def looking(settings, left):
+        seen.set()
+        left.wait(10)
+        signals.check()
+
+    monkeypatch.setattr(module, "first_look", looking)
+    monkeypatch.setattr(signals, "requested", Event())
+    with pytest.raises(BaseException) as caught, begun_look(None):
+        assert seen.wait(10)
+        signals.requested.set()
+        first.add_note("the part written so far is X")
+        raise first
+    assert caught.value is first
+    assert caught.value.__notes__ == ["the part written so far is X"]
 
 
 @pytest.mark.parametrize(
