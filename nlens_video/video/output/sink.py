@@ -17,7 +17,8 @@ from nlens_video.video.output.encoders import (
     not_held,
     some_format,
 )
-from nlens_video.video.output.still_sink import ANIMATED, EXTENSIONS, StillSink
+from nlens_video.video.output.picture_files import ANIMATED, EXTENSIONS
+from nlens_video.video.output.still_sink import StillSink
 from nlens_video.video.output.stream_output import NUT, is_stream, muxer
 from nlens_video.video.output.video_sink import VideoSink
 

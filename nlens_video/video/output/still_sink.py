@@ -19,7 +19,7 @@ from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.encoder_threads import ordinary_priority
-from nlens_video.video.output.encoding import choose_encoding
+from nlens_video.video.output.picture_files import EXTENSIONS, picture_encoding, picture_options
 from nlens_video.video.pixels.picture import picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import (
     converted,
@@ -27,17 +27,6 @@ from nlens_video.video.pixels.pixel_formats import (
     layout,
     working_format,
 )
-
-EXTENSIONS = {
-    ".png": "png", ".jpg": "mjpeg", ".jpeg": "mjpeg", ".tif": "tiff", ".tiff": "tiff",
-    ".bmp": "bmp", ".webp": "libwebp", ".exr": "exr",
-}  # fmt: skip
-ANIMATED = (".webp",)
-"""Those of them that hold videos as well."""
-_QUALITY = {
-    "mjpeg": {"flags": "+qscale", "global_quality": str(2 * 118)},
-    "libwebp": {"lossless": "1"},
-}
 
 
 class StillSink(Sink):
@@ -58,10 +47,7 @@ class StillSink(Sink):
         self._codec = EXTENSIONS[self._path.suffix.lower()]
         self._format = "gbrpf32le"
         if self._codec != "exr":
-            encoding = choose_encoding(
-                info, lambda name, _: name == self._codec, self._path.suffix,
-                codec=self._codec, pix_fmt=pix_fmt,
-            )  # fmt: skip
+            encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
         self._notes += remove_stale(self._path)
         self._folder = partial_name(self._path)
@@ -131,7 +117,7 @@ class StillSink(Sink):
         context.thread_count = 1
         context.color_range, context.colorspace = pixels.color_range, pixels.colorspace
         context.color_primaries, context.color_trc = pixels.color_primaries, pixels.color_trc
-        context.options = dict(_QUALITY.get(self._codec, {}))
+        context.options = picture_options(self._codec, self._format)
         pixels.pts, pixels.pict_type = 0, 0
         pixels.time_base = Fraction(1, 25)
         with ordinary_priority():

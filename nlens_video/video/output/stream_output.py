@@ -13,7 +13,8 @@ import av
 import av.container
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.output.still_sink import EXTENSIONS
+from nlens_video.video.named_files import ImageSequence
+from nlens_video.video.output.picture_files import EXTENSIONS, check_kind
 
 _BY_SCHEME = {"rtmp": "flv", "rtsp": "rtsp", "tcp": "mpegts", "udp": "mpegts"}
 """Containers of protocols whose URLs have no extension."""
@@ -41,8 +42,9 @@ class Muxer:
         """Refuse a container without pictures for a result.
 
         Raises:
-            OutputError: it holds sound only.
+            OutputError: it holds sound only, or is for pictures of a kind that is not written.
         """
+        check_kind(spec, self.name, numbered=ImageSequence.matches(spec))
         if self.video_codec == "none" or self.name in _SOUND_ONLY:
             kind = f"{Path(spec).suffix} files hold"
             raise OutputError(f"{spec}: {kind} no video; try .mp4, .mov, .mkv, .webm, .png")

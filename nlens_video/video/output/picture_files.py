@@ -1,0 +1,84 @@
+"""Kinds of picture files: their extensions, encoders, options and pixel formats."""
+
+from __future__ import annotations
+
+from nlens_video.core.errors import OutputError
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.output.encoders import nearest_format
+from nlens_video.video.output.encoding import Encoding, choose_encoding
+from nlens_video.video.pixels.pixel_formats import layout, working_format
+
+EXTENSIONS = {
+    ".bmp": "bmp", ".dpx": "dpx", ".exr": "exr", ".j2k": "jpeg2000", ".jls": "jpegls",
+    ".jp2": "jpeg2000", ".jpeg": "mjpeg", ".jpg": "mjpeg", ".pam": "pam", ".pcx": "pcx",
+    ".pgm": "pgm", ".png": "png", ".ppm": "ppm", ".qoi": "qoi", ".ras": "sunrast", ".sgi": "sgi",
+    ".sun": "sunrast", ".tga": "targa", ".tif": "tiff", ".tiff": "tiff", ".webp": "libwebp",
+    ".xwd": "xwd",
+}  # fmt: skip
+"""FFmpeg's encoders of the kinds that keep the picture, by extension."""
+ANIMATED = (".webp",)
+"""Those of them that hold videos as well."""
+_NOT_NUMBERED = (".avif", ".fits", ".ico")
+"""Pictures that muxers of their own write, one file a run."""
+_OPTIONS = {
+    "mjpeg": {"flags": "+qscale", "global_quality": str(2 * 118)},
+    "libwebp": {"lossless": "1"},
+}
+_JPEG2000 = ("rgb24", "rgb48le", "rgba", "rgba64le", "gray", "gray16le", "ya8", "ya16le")
+"""Its formats that other readers show right: they take YUV for full range."""
+
+
+def check_kind(spec: str, muxer: str, *, numbered: bool) -> None:
+    """Refuse pictures of a kind that nothing here writes.
+
+    Args:
+        spec: the result, as the user gave it.
+        muxer: FFmpeg's name of the one that its extension chooses.
+        numbered: whether it names a sequence.
+
+    Raises:
+        OutputError: they would become video in a file that is named like a picture.
+    """
+    single = numbered and spec.lower().endswith(_NOT_NUMBERED)
+    if muxer == "image2" or single:
+        raise OutputError(
+            f"{spec}: pictures are written as files that end in {', '.join(EXTENSIONS)}; "
+            "give one of these, or a video"
+        )
+
+
+def picture_encoding(info: SourceInfo, suffix: str, pix_fmt: str | None) -> Encoding:
+    """The encoder of a kind of picture, and the pixel format that keeps most of the source's.
+
+    Args:
+        info: the source.
+        suffix: extension of the kind, one of `EXTENSIONS`.
+        pix_fmt: the user's pixel format.
+
+    Raises:
+        OutputError: the kind holds grey pictures only, the source has colour.
+        UsageError: the kind does not hold the pixel format.
+    """
+    codec = EXTENSIONS[suffix]
+    goal = layout(working_format(info.pixel_format))
+    if codec == "pgm" and goal is not None and goal.family != "gray":
+        raise OutputError(f"{suffix}: holds grey pictures only, the plate has colour; give .ppm")
+    if codec == "jpeg2000" and pix_fmt is None:
+        pix_fmt = nearest_format(working_format(info.pixel_format), list(_JPEG2000), codec)
+    return choose_encoding(
+        info, lambda name, _: name == codec, suffix, codec=codec, pix_fmt=pix_fmt
+    )
+
+
+def picture_options(codec: str, pixel_format: str) -> dict[str, str]:
+    """Options of an encoder of pictures: lossless where it can be.
+
+    Args:
+        codec: FFmpeg's name of the encoder.
+        pixel_format: its input format.
+    """
+    kind = layout(working_format(pixel_format))
+    # FFmpeg's lossless wavelet overflows where colours of 16 bits jump from end to end
+    if codec == "jpeg2000" and kind is not None and (kind.bits == 8 or kind.family == "gray"):
+        return {"pred": "1"}
+    return dict(_OPTIONS.get(codec, {}))

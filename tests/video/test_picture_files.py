@@ -1,0 +1,152 @@
+"""Pictures and sequences of every kind: the right file format, and the picture read back."""
+
+from fractions import Fraction
+
+import av
+import numpy as np
+import pytest
+from support.clips import copy, noise_frame, write_clip
+
+from nlens_video.core.errors import OutputError
+from nlens_video.video.output.picture_files import EXTENSIONS
+from nlens_video.video.output.sink import check_output
+
+MAGIC = {
+    ".bmp": b"BM", ".dpx": b"XPDS", ".exr": b"\x76\x2f\x31\x01", ".j2k": b"\0\0\0\x0cjP",
+    ".jls": b"\xff\xd8\xff\xf7", ".jp2": b"\0\0\0\x0cjP", ".jpeg": b"\xff\xd8\xff",
+    ".jpg": b"\xff\xd8\xff", ".pam": b"P7", ".pcx": b"\x0a\x05", ".pgm": b"P5",
+    ".png": b"\x89PNG", ".ppm": b"P6", ".qoi": b"qoif", ".ras": b"\x59\xa6\x6a\x95",
+    ".sgi": b"\x01\xda", ".sun": b"\x59\xa6\x6a\x95", ".tga": b"\0\0\2", ".tif": b"II*\0",
+    ".tiff": b"II*\0", ".webp": b"RIFF", ".xwd": b"\0\0\0\x6f\0\0\0\7",
+}  # fmt: skip
+LOSSY = (".jpg", ".jpeg", ".exr")
+"""JPEG, and the one that holds linear light."""
+
+
+def read(path, pixel_format):
+    with av.open(str(path)) as source:
+        return next(source.decode(video=0)).reformat(format=pixel_format).to_ndarray()
+
+
+def smooth_frame(pixel_format, shift=0):
+    """Smooth waves over the codes of 16 bits, which no two files of a sequence have alike."""
+    y, x = np.mgrid[:48, :64]
+    waves = [np.sin(x / 9 + k + shift) * np.cos(y / 7 + k) for k in range(3)]
+    codes = np.round(32768 + 20000 * np.stack(waves, -1)).astype(np.uint16)
+    return av.VideoFrame.from_ndarray(codes, "rgb48le").reformat(format=pixel_format)
+
+
+def clip_of(folder, pixel_format, count=2):
+    made = [smooth_frame(pixel_format, shift) for shift in range(count)]
+    return write_clip(folder / "in.mkv", made)
+
+
+def test_every_kind_of_picture_has_its_test():
+    assert set(MAGIC) == set(EXTENSIONS)
+
+
+@pytest.mark.parametrize("ending", EXTENSIONS)
+@pytest.mark.parametrize("name", ["still", "p_%03d"])
+def test_picture_is_of_the_kind_that_its_name_says_and_reads_back(tmp_path, name, ending):
+    grey = ending == ".pgm"
+    clip = clip_of(tmp_path, "gray" if grey else "bgr0")
+    if name == "still":
+        copy(clip, tmp_path / "f_%d.png")
+        copy(tmp_path / "f_0.png", tmp_path / f"still{ending}")
+    else:
+        copy(clip, tmp_path / f"{name}{ending}")
+    files = sorted(path for path in tmp_path.glob(f"*{ending}") if path.stem[0] != "f")
+    assert [path.stem for path in files] == (["still"] if name == "still" else ["p_000", "p_001"])
+    for shift, path in enumerate(files):
+        assert path.read_bytes().startswith(MAGIC[ending])
+        if ending == ".exr":
+            continue  # its values have tests of their own
+        as_ = "gray" if grey else "rgb24"
+        was = smooth_frame("gray" if grey else "bgr0", shift).reformat(format=as_).to_ndarray()
+        off = np.abs(read(path, as_).astype(int) - was.astype(int))
+        assert off.max() <= (24 if ending in LOSSY else 0), path
+
+
+@pytest.mark.parametrize(
+    ("ending", "source", "kept"),
+    [
+        (".dpx", "gbrp10le", "gbrp10le"), (".dpx", "gbrp12le", "gbrp12le"),
+        (".dpx", "gbrp16le", "rgb48le"), (".dpx", "gray16le", "gray16le"),
+        (".ppm", "gbrp16le", "rgb48le"), (".pgm", "gray16le", "gray16le"),
+        (".pam", "rgba64le", "rgba64le"), (".sgi", "gbrp16le", "gbrp16be"),
+        (".tga", "bgra", "bgra"), (".qoi", "bgra", "rgba"), (".jp2", "gray16le", "gray16le"),
+    ],
+)  # fmt: skip
+def test_samples_of_a_deep_or_transparent_plate_are_kept(tmp_path, ending, source, kept):
+    clip = write_clip(tmp_path / "in.nut", [noise_frame(64, 48, source)])
+    copy(clip, tmp_path / f"p_%d{ending}")
+    with av.open(str(tmp_path / f"p_0{ending}")) as made, av.open(str(clip)) as plate:
+        picture, first = next(made.decode(video=0)), next(plate.decode(video=0))
+    assert picture.format.name == kept
+    alpha = any(one.is_alpha for one in picture.format.components)
+    like = "gray16le" if "gray" in kept else "rgba64le" if alpha else "rgb48le"
+    one, other = (frame.reformat(format=like).to_ndarray() for frame in (picture, first))
+    np.testing.assert_array_equal(one, other)
+
+
+def test_deep_dpx_plate_becomes_deep_dpx(tmp_path):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv422p10le", s) for s in (0, 1)])
+    copy(clip, tmp_path / "a_%02d.dpx")
+    assert copy(tmp_path / "a_%02d.dpx", tmp_path / "b_%02d.dpx") == ()
+    for number in (0, 1):
+        one, other = (read(tmp_path / f"{name}_{number:02}.dpx", "gbrp10le") for name in "ab")
+        np.testing.assert_array_equal(one, other)
+
+
+def test_deep_jpeg_2000_is_off_by_less_than_an_8_bit_step(tmp_path):
+    clip = clip_of(tmp_path, "gbrp16le")
+    copy(clip, tmp_path / "p_%d.jp2")
+    was = smooth_frame("gbrp16le").reformat(format="rgb48le").to_ndarray()
+    off = np.abs(read(tmp_path / "p_0.jp2", "rgb48le").astype(int) - was.astype(int))
+    assert off.max() < 32
+
+
+@pytest.mark.parametrize("ending", ["jp2", "tga", "dpx"])
+def test_picture_of_a_yuv_plate_shows_its_colours(tmp_path, ending):
+    """JPEG 2000 of limited-range YUV is shown pale by readers that know of full range alone."""
+    grey = np.full((48, 64, 3), 235, np.uint8)
+    frame = av.VideoFrame.from_ndarray(grey, "rgb24").reformat(
+        format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"
+    )
+    frame.colorspace, frame.color_range = 1, 1
+    clip = write_clip(tmp_path / "in.mkv", [frame])
+    copy(clip, tmp_path / f"p_%d.{ending}")
+    with av.open(str(tmp_path / f"p_0.{ending}")) as made:
+        picture = next(made.decode(video=0))
+    assert picture.format.is_rgb
+    assert np.abs(picture.to_ndarray(format="rgb24").astype(int) - 235).max() <= 1
+
+
+@pytest.mark.parametrize(
+    "name", ["o.jxl", "o_%04d.jxl", "o.hdr", "o.pbm", "o_%04d.y", "o_%04d.avif", "http://a/o.png"]
+)
+def test_kind_of_picture_that_is_not_written_is_refused_with_those_that_are(tmp_path, name):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")])
+    spec = name if "://" in name else str(tmp_path / name)
+    with pytest.raises(OutputError, match=r"end in \.bmp, \.dpx, .*; give one of these") as caught:
+        copy(clip, spec)
+    assert "\n" not in str(caught.value)
+    if "://" not in name:
+        with pytest.raises(OutputError, match=r"end in \.bmp"):
+            check_output(spec)
+    assert [path.name for path in tmp_path.iterdir()] == ["in.mkv"]
+
+
+def test_colour_in_a_grey_kind_of_picture_is_refused(tmp_path):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")])
+    with pytest.raises(OutputError, match=r"\.pgm: holds grey pictures only.*give \.ppm"):
+        copy(clip, tmp_path / "p_%d.pgm")
+
+
+def test_picture_of_phone_footage_is_upright(tmp_path):
+    made = [smooth_frame("yuv420p")]
+    clip = write_clip(
+        tmp_path / "in.mp4", made, codec="libx264", rotation=90, time_base=Fraction(1, 1000)
+    )  # fmt: skip
+    copy(clip, tmp_path / "p_%d.tga")
+    assert read(tmp_path / "p_0.tga", "rgb24").shape == (64, 48, 3)
