@@ -225,8 +225,10 @@ class Console:
         self._notes(outcome.notes)
 
     def _frame_times(self, timing: Summary) -> None:
-        if timing.frames == 1:  # its time is that of the fit and of the first start
-            self._say("frame", f"{timing.first_frame_ms or timing.median_ms:.0f} ms with the fit")
+        if timing.frames == 1:  # no statistics: it has what is done once as well
+            fitted = timing.first_frame_ms > 0
+            spent_ms = timing.first_frame_ms if fitted else timing.median_ms
+            self._say("frame", f"{spent_ms:.0f} ms{' with the fit' if fitted else ''}")
             return
         first = f", with the fit {timing.first_frame_ms:.0f} ms" if timing.first_frame_ms else ""
         self._say(

@@ -63,6 +63,14 @@ def test_summary_of_a_still_has_no_statistics_of_frames(files, tmp_path):
     assert len(told) == 1 and told[0].endswith(" ms with the fit") and "median" not in told[0]
 
 
+def test_summary_of_a_still_with_a_given_lens_tells_of_no_fit(files, tmp_path):
+    run = nlens(files / "plate.png", files / "anim.glb", tmp_path / "out.png", "--no-progress",
+                "--preset", "draft", "--fit", files / "fit.json")  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    (told,) = [line for line in run.stderr.splitlines() if line.startswith("frame ")]
+    assert told.endswith(" ms") and "fit" not in told
+
+
 @pytest.mark.slow
 def test_lens_fit_is_estimated_from_the_plate(files, tmp_path):
     run = nlens("fit", files / "plate.png", files / "anim.glb", tmp_path / "fit.json")
