@@ -6,7 +6,8 @@ import pytest
 from nlens_video.core.box import square_radius
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Vignetting
-from nlens_video.effects.camera.vignetting import vignette
+from nlens_video.effects.camera.vignetting import measure, vignette
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, 400, 300)
 
@@ -45,3 +46,12 @@ def test_vignetting_does_not_modify_its_input():
     layer = opaque(FRAME)
     vignette(layer, Vignetting.of(1.0), FRAME)
     assert (layer.rgba == 1).all()
+
+
+@pytest.mark.parametrize("size", [(3840, 64), (960, 16), (200, 3), (200, 1), (3, 200), (1, 1)])
+def test_plates_that_are_very_wide_or_of_few_rows_have_no_vignetting_but_are_measured(size):
+    width, height = size
+    noise = np.random.default_rng(2).normal(0.0, 4.0, (height, width, 3))
+    picture = ArrayPicture((128 + noise).astype(np.uint8))
+    found = measure([picture])
+    assert found.model is None and found.value == 0.0

@@ -26,6 +26,7 @@ EFFECT = "vignetting"
 THRESHOLD_STOPS = 0.2
 LEAST_RATIO = 8.0  # of the lens' shape to those of scenes
 _CELLS = 48  # across the picture
+_LEAST_CELLS = 3  # down it, of which the middle ones have slopes
 _DARKEST = 0.004  # light below which noise decides [1]
 _BRIGHTEST = 0.95
 _MS_PER_MEGAPIXEL = 12.0
@@ -56,7 +57,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
 
 def _slopes(light: Float32) -> Windows:
     """Slope of the light in each cell of a coarse grid, in stops by half diagonal."""
-    side = max(1, light.shape[1] // _CELLS)
+    side = max(1, min(light.shape[1] // _CELLS, light.shape[0] // _LEAST_CELLS))
     height, width = (length // side for length in light.shape)
 
     def averaged(values: Float32) -> Float64:
