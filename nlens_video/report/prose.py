@@ -163,8 +163,6 @@ def _run_advice(findings: Findings) -> Iterator[Advice]:
             f"The plate has no colour tags; assumed {', '.join(info.tags.assumed)}.",
             "If the object's colours look off, tag the plate with its real values.",
         )
-    if info.interlaced:
-        yield Advice("warning", "The plate is interlaced.", "Deinterlace it first.")
     once = {node.name for node in findings.session.graph.nodes if node.once}
     once.add("measure")  # effects, before a shot's first frame
     steady = {name: ms for name, ms in summary.node_median_ms.items() if name not in once}

@@ -12,6 +12,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
+from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import open_run
@@ -89,8 +90,7 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
                 "so there is nothing to fit; check the camera or --range"
             )
         save_fit(fit, settings.save_fit)
+        notes = (*notes_on_fields(run_input.info), *session.notes)
         with note_on_complete_result(str(settings.save_fit)):
-            sidecars.finish(profiler.summary(), session.notes)
-    return FitOutcome(
-        fit=fit, path=settings.save_fit, notes=session.notes, missing=sidecars.missing
-    )
+            sidecars.finish(profiler.summary(), notes)
+    return FitOutcome(fit=fit, path=settings.save_fit, notes=notes, missing=sidecars.missing)

@@ -18,6 +18,7 @@ from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
 from nlens_video.run.checks.drift import DriftCheck
+from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.checks.zoom import ZoomCheck
 from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
@@ -162,6 +163,7 @@ def render(
             timing=profiler.summary(), composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
+                *notes_on_fields(source.info),
                 *source.warnings(),
                 *session.notes,
                 *session.device.notes,
@@ -198,7 +200,8 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
     rate = f", {float(info.average_rate):.3f} fps" if info.average_rate else ", unknown rate"
     yield (
         f"plate {info.name}: {info.kind}, {info.codec} {info.width}x{info.height} "
-        f"{info.pixel_format}{'' if info.kind == 'still' else rate}"
+        f"{info.pixel_format}{' interlaced' if info.interlaced else ''}"
+        f"{'' if info.kind == 'still' else rate}"
     )
     tags = info.tags
     assumed = f" (assumed: {', '.join(tags.assumed)})" if tags.assumed else ""
@@ -206,7 +209,7 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         f"colour: matrix {tags.matrix}, transfer {tags.transfer}, primaries {tags.primaries}, "
         f"{'full' if tags.full_range else 'limited'} range{assumed}"
     )
-    for note in info.notes:
+    for note in (*info.notes, *notes_on_fields(info)):
         yield f"note: {note}"
 
 
