@@ -21,6 +21,8 @@ OCCLUSION = "occlusion"
 EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
 Base = Literal["auto", "all", "none"]
 GIVE = "give --holdout PATH or --occlusion auto"
+_ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
+_EACH_FRAME = "decided on each frame"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,10 +184,13 @@ def restrict_to_pipeline(
                 "use --preset standard"
             )
     reason = f"the pipeline {pipeline} leaves it out"
+    drawn = [one.effect for one in decisions if one.wanted and one.effect in there & _ON_GROUND]
     return tuple(
-        Decision(effect=one.effect, wanted=False, reason=reason) if one.effect in missing else one
+        Decision(effect=one.effect, wanted=False, reason=reason) if one.effect in missing
+        else replace(one, reason=f"{one.reason}, on its {' and '.join(drawn)} too")
+        if drawn and one.effect == MOTION_BLUR and one.reason.startswith(_EACH_FRAME) else one
         for one in decisions
-    )
+    )  # fmt: skip
 
 
 def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
@@ -204,7 +209,7 @@ def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
 def _called_for(shot: ShotFacts) -> list[Decision]:
     """The decisions of `auto`."""
     by_scene = {
-        DEFOCUS: (True, "decided on each frame: called for where the object's CoC reaches 0.5 px"),
+        DEFOCUS: (True, f"{_EACH_FRAME}: called for where the object's CoC reaches 0.5 px"),
         SHADOW: _shadow(shot),
         REFLECTION: _reflection(shot),
         OCCLUSION: (False, f"nothing tells what stands in front; {GIVE}"),
@@ -243,7 +248,7 @@ def _exposure(shot: ShotFacts) -> Decision:
     if not shot.shutter.frame_s:
         return Decision(effect=EXPOSURE, wanted=False, reason="a still has no later frame")
     reason = (
-        "decided on each frame: called for where the plate's light differs from the first "
+        f"{_EACH_FRAME}: called for where the plate's light differs from the first "
         "frame's by 2 of 255 levels"
     )
     return Decision(
@@ -262,9 +267,8 @@ def _motion_blur(shot: ShotFacts) -> tuple[bool, str]:
     if not shutter.open_s:
         return False, "--shutter 0"
     return True, (
-        "decided on each frame: called for where the object moves by 1 px while the shutter "
-        f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source}), "
-        "on its shadow and mirror image too"
+        f"{_EACH_FRAME}: called for where the object moves by 1 px while the shutter "
+        f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source})"
     )
 
 

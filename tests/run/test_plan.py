@@ -1,0 +1,29 @@
+"""The plan tells of what is drawn, and of nothing else."""
+
+import pytest
+from support import shots
+from support.command import nlens
+
+
+@pytest.fixture(scope="module")
+def words(tmp_path_factory):
+    """The words that plan a run whose object moves."""
+    folder = shots.write_shot(tmp_path_factory.mktemp("plan"), 3, end=(0.3, 0.0, -1.6))
+    fit = ["--fit", folder / "fit.json"]
+    return [folder / "in.mp4", folder / "anim.glb", folder / "out.mp4", "--plan", "-v", *fit]
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (["--preset", "realtime"], "assumed)"),
+        (["--effects", "auto,-shadow"], "assumed)"),
+        (["--preset", "standard"], "assumed), on its shadow too"),
+        (["--ground-reflectance", "0.2"], "assumed), on its shadow and reflection too"),
+        (["--effects", "motion-blur,shadow"], "asked for by --effects"),
+    ],
+)
+def test_plan_names_what_motion_blurs_beside_the_object_only_where_it_is_drawn(words, more, told):
+    run = nlens(*words, *more)
+    (line,) = [one for one in run.stdout.splitlines() if one.startswith("effect motion-blur")]
+    assert line.endswith(told), line
