@@ -134,7 +134,9 @@ def _ground_radiance(plate: Float32, camera: Camera, seat: Seat) -> Float64:
     weight = before * np.exp(-0.5 * (away / _NEAR) ** 2)
     if float(weight.sum()) < 1e-3 * height * width:
         weight = before * 1.0 if before.any() else np.ones((height, width))
-    return np.asarray(np.einsum("hw,hwc->c", weight, plate.astype(np.float64)) / weight.sum())
+    return np.asarray(
+        np.einsum("hw,hwc->c", weight, np.clip(plate, 0.0, 1.0).astype(np.float64)) / weight.sum()
+    )
 
 
 def _irradiance_of_ground(plate: Float32, level: float, lamps: Float64) -> Float64:
@@ -148,7 +150,7 @@ def _irradiance_of_ground(plate: Float32, level: float, lamps: Float64) -> Float
         level: luminous irradiance by all light [1].
         lamps: irradiance that the file's lights give the ground (3,).
     """
-    mean = plate.mean((0, 1)).astype(np.float64)
+    mean = _mean_light(plate)
     given = float(lamps @ LUMINANCE)
     if given > 0.0:
         left = max(level - given, _LEAST * level)
@@ -168,7 +170,7 @@ def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
         camera: of the frame.
         seat: where the object stands.
     """
-    mean = float(plate.mean((0, 1)).astype(np.float64) @ LUMINANCE)
+    mean = float(_mean_light(plate) @ LUMINANCE)
     near = max(float(_ground_radiance(plate, camera, seat) @ LUMINANCE), 1e-4)
     stops = math.log2(math.sqrt(max(mean, 1e-4) * near) / _MEAN)
     beyond = math.copysign(max(abs(stops) - _EXPOSED, 0.0), stops)
@@ -177,6 +179,14 @@ def level_of_ground(plate: Float32, camera: Camera, seat: Seat) -> float:
     level = math.pi * _WHITE * 2.0 ** (_FOLLOWED * (stops - beyond) + beyond + raised)
     # against a bright sky, as at dusk, the ground tells more of the light than the whole plate
     return float(min(level, max(math.pi * near / _DARKEST, _DIMMED * level)))
+
+
+def _mean_light(plate: Float32) -> Float64:
+    """Mean light (3,) of a plate that ends at white, as most plates do.
+
+    In one that does not, a sun in view would be most of the mean.
+    """
+    return np.asarray(np.clip(plate, 0.0, 1.0).mean((0, 1)).astype(np.float64))
 
 
 def _burnt_out(plate: Float32, camera: Camera, seat: Seat) -> float:

@@ -277,3 +277,14 @@ def test_colours_beyond_srgb_are_no_negative_light():
     radiance, mirrored = plate_environment(deep, level_camera(), SEAT, NO_LAMPS)
     assert (radiance >= 0.0).all()
     assert (mirrored >= 0.0).all()
+
+
+def test_sun_of_unbounded_brightness_in_view_leaves_the_level_as_a_clipped_one_does():
+    clipped = plate()
+    clipped[10:12, 20:22] = 1.0
+    unbounded = clipped.copy()
+    unbounded[10:12, 20:22] = 5e4
+    levels = [level_of_ground(one, level_camera(), SEAT) for one in (clipped, unbounded)]
+    assert levels[1] == pytest.approx(levels[0])
+    ground = [around(one).irradiance_around(UP) @ LUMINANCE for one in (clipped, unbounded)]
+    assert ground[1] == pytest.approx(ground[0], rel=0.1)

@@ -330,3 +330,20 @@ def test_object_is_converted_to_the_primaries_of_a_bt2020_plate():
 
 def test_sample_tables_have_the_layout_that_kernels_read():
     assert (kernels.STEPS_BITS, kernels.FIRST_OCTAVE) == (STEPS_BITS, FIRST_OCTAVE)
+
+
+def test_samples_that_are_no_number_are_black_and_infinite_ones_white_but_stay_in_the_plate():
+    plate = np.full((2, 4, 3), 0.5, np.float32)
+    plate[0, :3] = np.array([np.nan, np.inf, -np.inf])[:, None]
+    picture = ArrayPicture(plate)
+    light = picture.linear(Box(0, 0, 4, 2))
+    np.testing.assert_allclose(light[0, :3, 0], [0.0, 1.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(
+        light, blend_ref.linear(picture.samples(), Box(0, 0, 4, 2)), rtol=2e-4, atol=2e-5
+    )
+    assert np.isfinite(picture.downsample(2, 1)).all()
+    layer_ = np.zeros((2, 4, 4), np.float32)
+    layer_[1] = (0.1, 0.1, 0.1, 1.0)
+    picture.composite_over(Box(0, 0, 4, 2), layer_)
+    assert np.isnan(plate[0, 0]).all() and np.isinf(plate[0, 1:3]).all()
+    assert np.isfinite(plate[1]).all()

@@ -144,8 +144,8 @@ private:
         if (!find_touched(top, left, count)) return;
         for (int k = 0; k < count; ++k) {
             total_[k] = change_b_[k] = change_c_[k] = 0.0f;
-            chroma_b_[k] = static_cast<float>(second(row, begin + k));
-            chroma_c_[k] = static_cast<float>(third(row, begin + k));
+            chroma_b_[k] = number(second(row, begin + k));
+            chroma_c_[k] = number(third(row, begin + k));
         }
         pixels_.count = count;
         for (int p = 0; p < down_.weights.shape[0]; ++p) {
@@ -197,11 +197,11 @@ private:
             red[x] = layer[4 * x], green[x] = layer[4 * x + 1], blue[x] = layer[4 * x + 2];
             alpha[x] = layer[4 * x + 3];
         }
-        for (int x = 0; x < to - from; ++x) plate[x] = static_cast<float>(luma[x]);
+        for (int x = 0; x < to - from; ++x) plate[x] = number(luma[x]);
         float* const plate_alpha = row_.plate_alpha() + (from - start);
         if (has_alpha_) {
             const Sample* given = alpha_before_.at(y - y0_) + (from - x0_);
-            for (int x = 0; x < to - from; ++x) plate_alpha[x] = static_cast<float>(given[x]) / full();
+            for (int x = 0; x < to - from; ++x) plate_alpha[x] = number(given[x]) / full();
         } else {
             std::fill_n(plate_alpha, std::max(to - from, 0), 1.0f);
         }

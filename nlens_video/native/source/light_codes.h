@@ -7,7 +7,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <limits>
 #include <tuple>
+#include <type_traits>
 
 #include "arrays.h"
 
@@ -36,15 +38,27 @@ struct Axis {
     int of(int luma) const { return (luma + phase) / step; }  // not negative
 };
 
+// A sample as a number. In pictures of renderers some are not finite: what is infinite is taken for
+// white, what is no number for black.
+template <class Sample>
+inline float number(Sample sample) {
+    const float value = static_cast<float>(sample);
+    if constexpr (std::is_floating_point_v<Sample>) {
+        constexpr float infinite = std::numeric_limits<float>::infinity();
+        return std::fabs(value) < infinite ? value : value > 0.0f ? 1.0f : 0.0f;
+    }
+    return value;
+}
+
 // The samples of a row from a column on, as numbers.
 template <class Sample>
 void load_samples(Plane<const Sample> plane, int y, int x, float* __restrict values, int count) {
     const Sample* samples = plane.at(y, x);
     const std::ptrdiff_t step = plane.strides[1];
     if (step == 1) {
-        for (int j = 0; j < count; ++j) values[j] = static_cast<float>(samples[j]);
+        for (int j = 0; j < count; ++j) values[j] = number(samples[j]);
     } else {
-        for (int j = 0; j < count; ++j) values[j] = static_cast<float>(samples[j * step]);
+        for (int j = 0; j < count; ++j) values[j] = number(samples[j * step]);
     }
 }
 

@@ -42,7 +42,7 @@ def downsample(samples: Samples, width: int, height: int) -> Float64:
             for plane in samples.planes:
                 rows = [int((6 * i + part) * plane.shape[0] / (6 * height)) for part in (1, 3, 5)]
                 columns = [int((6 * j + part) * plane.shape[1] / (6 * width)) for part in (1, 3, 5)]
-                codes.append(plane[np.ix_(rows, columns)].astype(np.float64).mean())
+                codes.append(_finite(plane[np.ix_(rows, columns)].astype(np.float64)).mean())
             out[i, j] = back @ to_linear(_rgb(samples.coding, np.array(codes)))
     return out
 
@@ -109,7 +109,12 @@ def _cell(samples: Samples, x: int, y: int) -> tuple[int, int]:
 
 def _codes(samples: Samples, x: int, y: int, cell: tuple[int, int]) -> Float64:
     first, second, third = samples.planes
-    return np.array([first[y, x], second[cell], third[cell]], dtype=np.float64)
+    return _finite(np.array([first[y, x], second[cell], third[cell]], dtype=np.float64))
+
+
+def _finite(codes: Float64) -> Float64:
+    """Codes of which what is infinite is white, and what is no number black."""
+    return np.asarray(np.nan_to_num(codes, nan=0.0, posinf=1.0, neginf=0.0))
 
 
 def _rgb(coding: Coding, codes: Float64) -> Float64:
