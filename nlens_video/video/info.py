@@ -152,6 +152,17 @@ def is_cover(stream: Stream) -> bool:
     return bool(stream.disposition & Disposition.attached_pic)
 
 
+def upright(info: SourceInfo) -> SourceInfo:
+    """Properties of a source whose frames are stored as they are displayed."""
+    sideways, ratio = info.rotation % 180 != 0, info.sample_aspect_ratio
+    return replace(
+        info,
+        rotation=0,
+        sample_aspect_ratio=1 / ratio if sideways and ratio else ratio,
+        interlaced=info.interlaced and not sideways,
+    )
+
+
 def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
     """Properties of a part of a source: chapters and timecode are shifted.
 

@@ -20,6 +20,8 @@ _OF_THE_OLD_PICTURES = (
 """Prefixes of tags that do not hold for newly encoded pictures."""
 _TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
 """Containers that store the timecode of the first frame."""
+_ROTATION = (*MP4_FAMILY, "matroska", "webm")
+"""Containers that store by how much pictures are turned when they are shown."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
@@ -113,6 +115,15 @@ class CarriedStreams:
         else:
             return f"{label} is left out: {self._name} has no place for it"
         return ""
+
+
+def holds_rotation(container: str) -> bool:
+    """Whether a container says that its pictures are to be turned.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+    """
+    return container in _ROTATION
 
 
 def _has_timecode(info: SourceInfo) -> bool:

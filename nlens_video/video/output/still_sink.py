@@ -6,10 +6,8 @@ import contextlib
 import shutil
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import av
-import numpy as np
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
@@ -21,12 +19,8 @@ from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.picture_files import EXTENSIONS, picture_encoding, picture_options
 from nlens_video.video.pixels.picture import picture_channels, picture_frame
-from nlens_video.video.pixels.pixel_formats import (
-    converted,
-    copy_colour_tags,
-    layout,
-    working_format,
-)
+from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
+from nlens_video.video.pixels.upright import turned
 
 
 class StillSink(Sink):
@@ -106,7 +100,7 @@ class StillSink(Sink):
         if jpeg or self._info.rotation:  # JPEG has its own matrix, and turning wants whole pixels
             pixels = picture_frame(frame.picture, self._whole_format())
             if self._info.rotation:
-                pixels = _upright(pixels, self._info.rotation)
+                pixels = turned(pixels, self._info.rotation)
             pixels = converted(pixels, self._format)
         else:
             pixels = picture_frame(frame.picture, self._format)
@@ -130,17 +124,6 @@ class StillSink(Sink):
         if kind is None or kind.family == "yuv":
             return "rgb24" if kind is None or kind.bits == 8 else "rgb48le"
         return working_format(self._format)
-
-
-def _upright(frame: av.VideoFrame, rotation: int) -> av.VideoFrame:
-    """A copy turned counter-clockwise by a multiple of 90 [deg]; not of subsampled formats."""
-    array = frame.to_ndarray()
-    kind = layout(frame.format.name)
-    axes = (1, 2) if array.ndim == 3 and kind is not None and kind.channels == 1 else (0, 1)
-    turned: Any = np.ascontiguousarray(np.rot90(array, round(rotation / 90), axes))
-    result = av.VideoFrame.from_ndarray(turned, frame.format.name)
-    copy_colour_tags(result, frame)
-    return result
 
 
 def _first_number(source: str) -> int:

@@ -18,14 +18,20 @@ from nlens_video.core import signals
 from nlens_video.core.color import FULL_RANGE
 from nlens_video.core.errors import OutputError, ReaderGone
 from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
-from nlens_video.video.output.carried_streams import CarriedStreams, sample_entry, set_tags
+from nlens_video.video.output.carried_streams import (
+    CarriedStreams,
+    holds_rotation,
+    sample_entry,
+    set_tags,
+)
 from nlens_video.video.output.containers import holds_video
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.pixels.picture import picture_frame
+from nlens_video.video.pixels.upright import upright_frame
 
 _PLAYABLE = {
     "flush_packets": "1",
@@ -47,7 +53,6 @@ class VideoSink(Sink):
         self, spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
         pix_fmt: str | None = None, keep_partial: bool = False,
     ) -> None:  # fmt: skip
-        self._info = info
         self._spec = spec
         self._path = None if is_stream(spec) else Path(spec)
         self._direct: StreamOutput | None = None
@@ -63,6 +68,8 @@ class VideoSink(Sink):
                 codec = "rawvideo"
             name, default = self._container.format.name, self._container.default_video_codec
             Muxer(name, default).check_video(spec)
+            self._turns = bool(info.rotation) and not holds_rotation(name)
+            self._info = info = upright(info) if self._turns else info
             self.encoding = choose_encoding(
                 info, partial(holds_video, name), name, default=default,
                 codec=codec, crf=crf, pix_fmt=pix_fmt,
@@ -72,7 +79,11 @@ class VideoSink(Sink):
         except BaseException:
             self._discard()
             raise
-        self._notes = (*self.encoding.reasons, *self._carried.notes, *rescued)
+        turned = (f"the pictures are turned upright: {name} has no place for their rotation",)
+        self._notes = (
+            *self.encoding.reasons, *self._carried.notes, *(turned if self._turns else ()),
+            *rescued,
+        )  # fmt: skip
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -98,7 +109,8 @@ class VideoSink(Sink):
         Raises:
             OutputError: the disk is full, or the encoder refuses the frame.
         """
-        encoded = picture_frame(frame.picture, self.encoding.pixel_format)
+        stored = upright_frame if self._turns else picture_frame
+        encoded = stored(frame.picture, self.encoding.pixel_format)
         self._clock.stamp(encoded, frame)
         self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames

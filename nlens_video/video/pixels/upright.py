@@ -1,0 +1,61 @@
+"""Frames turned upright, for what cannot say that its pictures lie on their side."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import av
+import numpy as np
+
+from nlens_video.core.layers import Picture
+from nlens_video.video.pixels.picture import AvPicture, picture_frame, take_tags
+from nlens_video.video.pixels.pixel_formats import converted, layout
+from nlens_video.video.pixels.samples import plane_rows
+
+_UNEQUAL = re.compile("422|411|440")
+"""Subsampling along one axis more than along the other."""
+
+
+def upright_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
+    """The picture as an upright frame; the same frame where it is one in that format.
+
+    Args:
+        picture: any.
+        pixel_format: FFmpeg's name of the frame's format.
+    """
+    if not isinstance(picture, AvPicture) or not picture.rotation:
+        return picture_frame(picture, pixel_format)
+    frame = turned(picture.frame, picture.rotation)
+    same = frame.format.name == pixel_format
+    return frame if same else converted(frame, pixel_format, picture.tags)
+
+
+def turned(frame: av.VideoFrame, rotation: int) -> av.VideoFrame:
+    """A copy turned counter-clockwise, in 4:4:4 where its subsampling would not fit any more.
+
+    Else its samples stay what they are, as by FFmpeg's own filter.
+
+    Args:
+        frame: in a working format.
+        rotation: a multiple of 90 [deg].
+
+    Raises:
+        ValueError: it is in another format.
+    """
+    turns = round(rotation / 90)
+    if turns % 2 and _UNEQUAL.search(frame.format.name):
+        frame = converted(frame, _UNEQUAL.sub("444", frame.format.name))
+    kind = layout(frame.format.name)
+    if kind is None:
+        raise ValueError(f"{frame.format.name} is not a working format")
+    width, height = frame.width, frame.height
+    size = (height, width) if turns % 2 else (width, height)
+    made = av.VideoFrame(*size, frame.format.name)
+    for mine, theirs in zip(made.planes, frame.planes, strict=True):
+        pixels: Any = plane_rows(theirs, kind).reshape(theirs.height, -1, kind.channels)
+        rows = np.rot90(pixels, turns).reshape(mine.height, -1)
+        plane_rows(mine, kind)[...] = rows
+    take_tags(made, frame)
+    made.duration = frame.duration
+    return made
