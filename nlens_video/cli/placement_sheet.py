@@ -32,6 +32,7 @@ from nlens_video.core.settings import ObjectSettings, SourceSettings
 from nlens_video.options import to_settings
 from nlens_video.report.ground_grid import Grid, draw_grid, draw_horizon
 from nlens_video.run.frame_range import FrameRange
+from nlens_video.run.plate_source import no_such_frames
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.video.atomic_files import check_folder, replacing
@@ -83,7 +84,9 @@ def _solved(
         with open_source(source.spec, **source.hints) as opened:
             info = opened.info
         size = info.width, info.height
-        return read_camera(objects.camera_from, size, info.average_rate, info.time_base)
+        return read_camera(
+            objects.camera_from, size, info.average_rate, info.time_base, info.pixel_aspect
+        )
     if not can_be_read_again(source.spec):
         return None
     with open_source(source.spec, **source.hints):
@@ -156,7 +159,7 @@ def _first_frame(source: SourceSettings) -> tuple[Bgr, float | None, float]:
                 found = tagged_focal(opened.info)
                 focal = None if found is None else found.equivalent_mm
                 return _shrunk(item.picture.srgb(), opened.info), focal, item.time_s
-    raise UsageError(f"--range {source.frames[0]}:{source.frames[1] or ''}: no such frames")
+        raise UsageError(no_such_frames(source, opened.info))
 
 
 def _shrunk(srgb: Float32, info: SourceInfo) -> Bgr:

@@ -25,7 +25,7 @@ from nlens_video.networks.onnx_networks import OnnxCocNetwork
 from nlens_video.report.camera import PlatePicture
 from nlens_video.report.findings import EvenPick
 from nlens_video.report.html import to_8_bit
-from nlens_video.run.plate_source import opened
+from nlens_video.run.plate_source import no_such_frames, opened
 from nlens_video.solve.evidence import Reprojection, doubted_where_steep, reproject
 from nlens_video.solve.focal import KnownFov
 from nlens_video.solve.free_place import chosen_place
@@ -35,6 +35,7 @@ from nlens_video.solve.person import scaled_by_person
 from nlens_video.solve.person_box import find_person
 from nlens_video.solve.shot import CUES, Cue, ShotSolver
 from nlens_video.solve.still.picture_cue import PictureCue, picture_cue
+from nlens_video.solve.still.segments import Segments
 from nlens_video.solve.tracks import luma_of
 from nlens_video.stages.f_coc import estimate_coc
 from nlens_video.video.focal_length import tagged_focal
@@ -47,11 +48,33 @@ _MOST_OFF = 0.004  # of the width, by which half of the points may be off on a p
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SolvedFrom:
+    """What a camera was solved from, in a reduced frame with the plate's pixels.
+
+    Attributes:
+        size: its columns and rows [px].
+        segments: lines of the first picture.
+        times_s: of the frames [s].
+    """
+
+    size: tuple[int, int]
+    segments: Segments
+    times_s: list[float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Solved:
-    """A plate's camera at the plate's size, and what it was solved from, at the solver's size."""
+    """A plate's camera at the plate's size, and what it was solved from, at another size.
+
+    Attributes:
+        camera: of the plate.
+        solver: what it was solved from.
+        tracked: points that were followed, at the solver's size.
+        frames: of the plate that were solved.
+    """
 
     camera: SolvedCamera
-    solver: ShotSolver
+    solver: SolvedFrom
     tracked: Reprojection
     frames: list[int]
 
@@ -69,8 +92,9 @@ def solve_plate(
     start, end = source.frames
     with opened(source) as plate:
         info = plate.info
-        shrink = min(1.0, _WIDEST / info.width)
-        size = round(info.width * shrink), max(1, round(info.height * shrink))
+        square = _square_size(info)
+        shrink = min(1.0, _WIDEST / square[0])
+        size = round(square[0] * shrink), max(1, round(square[1] * shrink))
         markers = None if scale.marker_m is None else MarkerFinder()
         known, said = _known(info, fov_deg)
         solver = ShotSolver(
@@ -89,8 +113,8 @@ def solve_plate(
                 scale = _with_box(scale, luma)
             solver.add(luma, frame.time_s)
             if markers is not None and not markers.full:
-                if info.width > size[0]:
-                    luma = luma_of(frame.picture, (info.width, info.height))
+                if square[0] > size[0]:
+                    luma = luma_of(frame.picture, square)
                 markers.add(luma)
             if pictures is not None and pictures.next_is_wanted():
                 image = to_8_bit(frame.picture.srgb(), _PICTURE_PX)
@@ -98,14 +122,14 @@ def solve_plate(
             frames.append(frame.index)
             on_progress(len(frames), info.frame_count)
     if not frames:
-        raise UsageError(f"--range {start}:{end or ''}: the source has no such frames")
+        raise UsageError(no_such_frames(source, info))
     camera = doubted_where_steep(solver.solve(), solver.segments)
     tracked = reproject(solver.seen, solver.times_s, camera)
     require_path(camera, tracked, frames)
     error = tracked.median_px
     method = f"{camera.method}{said}" if camera.fov == "metadata" else camera.method
     camera = replace(
-        camera, width=info.width, height=info.height, method=method,
+        camera, width=square[0], height=square[1], method=method,
         reprojection_px=None if error is None else error / shrink,
     )  # fmt: skip
     camera = _in_metres(camera, scale, markers)
@@ -114,7 +138,28 @@ def solve_plate(
         solver.seen.tracks(), solver.times_s, camera.resized(*size), solver.segments
     )
     camera = replace(camera, keys=keys, place=place, place_guessed=guessed)
-    return Solved(camera, solver, tracked, frames)
+    camera = camera.resized(info.width, info.height, info.pixel_aspect)
+    stretch = np.array(_stretch(info))
+    small = round(size[0] * stretch[0]), round(size[1] * stretch[1])
+    return Solved(
+        camera,
+        SolvedFrom(
+            small, replace(solver.segments, ends=solver.segments.ends * stretch), solver.times_s
+        ),
+        replace(tracked, position=tracked.position * stretch),
+        frames,
+    )
+
+
+def _stretch(info: SourceInfo) -> tuple[float, float]:
+    """Columns and rows of a plate by those that it has with square pixels, reduced [1]."""
+    return max(1.0, 1.0 / info.pixel_aspect), max(1.0, info.pixel_aspect)
+
+
+def _square_size(info: SourceInfo) -> tuple[int, int]:
+    """Columns and rows of a plate with square pixels, reduced: a solve takes pixels for square."""
+    across, down = _stretch(info)
+    return max(1, round(info.width / across)), max(1, round(info.height / down))
 
 
 def require_path(solved: SolvedCamera, tracked: Reprojection, frames: Sequence[int]) -> None:

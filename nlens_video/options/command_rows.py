@@ -33,7 +33,7 @@ COMMAND_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("result", ["check"], "OUT", read.plate_name, "what nlens-video has written",
                files=(files.Files("reads", "the result"),)),
         Option("input", SHOT, "IN", read.plate_name,
-               "video, still, plate_%%04d.png, device, URL, -",
+               "video, still, plate_%%04d.png or plate_####.png, device, URL, -",
                feeds="source.spec", files=files.PLATE),
         Option("input", ["place", "solve"], "IN", read.plate_name, "the plate, as of nlens-video",
                feeds="source.spec", files=files.PLATE),

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from nlens_video.video.named_files import input_name, output_name
 _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""
 _TURN_DEG, _UPRIGHT_DEG, _STRONGEST_SUN = 360.0, 90.0, 100.0
+_HASHES = re.compile("#{2,}")
 _LONGEST_NAME = 255  # of a file or folder on Linux and macOS [byte]
 
 
@@ -71,14 +73,26 @@ def word(text: str) -> str:
     return text
 
 
+def pattern(text: str) -> str:
+    """A file, or numbered files: `p.%04d.png`, or `p.####.png` as Nuke, RV and Houdini have it.
+
+    A single `#` stands for one digit in one of them, for four in another, and is left as it is.
+    """
+    folder, slash, name = word(text).rpartition("/")
+    runs = _HASHES.findall(name)
+    if len(runs) != 1 or "%" in name or "://" in text or Path(text).exists():
+        return text
+    return f"{folder}{slash}{name.replace(runs[0], f'%0{len(runs[0])}d')}"
+
+
 def plate_name(text: str) -> str:
     """Name of a source: a file, a pattern, a device, a URL, `-`."""
-    return input_name(word(text))
+    return input_name(pattern(text))
 
 
 def result_name(text: str) -> str:
     """Name of a result: a file, a pattern, a URL, `-`."""
-    return output_name(word(text))
+    return output_name(pattern(text))
 
 
 def path(text: str) -> Path:

@@ -16,6 +16,7 @@ from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import open_run
+from nlens_video.run.plate_source import no_such_frames
 from nlens_video.run.pooled_samples import samples_of_other_frames
 from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
 
@@ -82,8 +83,7 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
                 break
         fit = session.executor.fit
         if not seen:
-            first, end = settings.source.frames
-            raise UsageError(f"--range {first}:{end or ''}: the source has no such frames")
+            raise UsageError(no_such_frames(settings.source, run_input.info))
         if fit is None:
             raise OutOfViewError(
                 f"{settings.scene.glb}: the object does not come into view within {seen} frames, "

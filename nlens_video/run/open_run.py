@@ -218,7 +218,9 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
     """
     file = settings.scene.camera_from
     size = info.width, info.height
-    focal = tagged_focal(info)
+    focal, solved = tagged_focal(info), None
+    if file is not None:
+        solved = read_camera(file, size, info.average_rate, info.time_base, info.pixel_aspect)
     return View(
         frame_s=frame_s(info),
         width=info.width,
@@ -226,7 +228,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
         pixel_aspect=info.pixel_aspect,
         camera=settings.scene.camera,
         focal_35mm=None if focal is None else focal.equivalent_mm,
-        solved=None if file is None else read_camera(file, size, info.average_rate, info.time_base),
+        solved=solved,
     )
 
 

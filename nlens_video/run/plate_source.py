@@ -51,6 +51,31 @@ def opened(given: SourceSettings, *, sparse: bool = False) -> Iterator[Source]:
             source.__exit__(None, None, None)
 
 
+def range_option(given: SourceSettings) -> str:
+    """The option that chooses a plate's frames, for messages."""
+    first, end = given.frames
+    if given.one_frame:
+        return f"--frame {first}"
+    return f"--range {first}:{'' if end is None else end}"
+
+
+def no_such_frames(given: SourceSettings, info: SourceInfo) -> str:
+    """Message for a range without a frame, with those that there are.
+
+    Args:
+        given: the plate and the range.
+        info: what is known of it; the count of a video is an estimate.
+    """
+    said = f"{range_option(given)} of the plate: no such frames"
+    count = info.frame_count if info.kind in ("video", "sequence", "still") else None
+    if not count or given.frames[0] < count:  # an estimate that was wrong helps nobody
+        return said
+    about = "about " if info.kind == "video" else ""
+    whatever = ", whatever the numbers of the files" if info.kind == "sequence" else ""
+    frames = "frame 0" if count == 1 else f"frames 0 to {count - 1}"
+    return f"{said}; it has {about}{count}: {frames}, counted from 0{whatever}"
+
+
 def frame_s(info: SourceInfo) -> float:
     """From one frame to the next, 0 for a still [s]."""
     if info.kind == "still" or not info.average_rate:

@@ -16,7 +16,7 @@ from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.view import View, bounds_near_frame
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.run.open_run import view_of
-from nlens_video.run.plate_source import frame_s
+from nlens_video.run.plate_source import frame_s, no_such_frames
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder
@@ -120,7 +120,7 @@ def check_shot(settings: Settings, info: SourceInfo) -> Scene:
     first, _ = settings.source.frames
     known = info.frame_count if info.kind in ("video", "sequence", "still") else None
     if known is not None and _ESTIMATE * first - 2 > known:
-        raise UsageError(f"{_no_such_frames(settings)}; it has about {known}")
+        raise UsageError(no_such_frames(settings.source, info))
     objects = settings.scene
     loaded = load_scene(objects)
     staged = stage(objects, loaded, view_of(settings, info))
@@ -157,18 +157,12 @@ def check_written(settings: Settings, info: SourceInfo, frames: int, *, changed:
         SceneError: a whole shot does not show the object.
     """
     if not frames:
-        raise UsageError(_no_such_frames(settings))
+        raise UsageError(no_such_frames(settings.source, info))
     if not changed and _is_whole(settings, info):
         raise SceneError(
             f"{settings.scene.glb}: the object is in view on none of {frames} frames; check "
             "--camera, --at, --size and --animation, or render a part with --range"
         )
-
-
-def _no_such_frames(settings: Settings) -> str:
-    """Message for a range without a frame."""
-    first, end = settings.source.frames
-    return f"--range {first}:{'' if end is None else end} of the plate: no such frames"
 
 
 def _is_whole(settings: Settings, info: SourceInfo) -> bool:
