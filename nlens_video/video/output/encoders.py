@@ -12,7 +12,7 @@ from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_
 _ENCODERS = {
     "h264": "libx264", "hevc": "libx265", "vp8": "libvpx", "libvpx": "libvpx", "vp9": "libvpx-vp9",
     "libvpx-vp9": "libvpx-vp9", "av1": "libsvtav1", "libdav1d": "libsvtav1", "prores": "prores_ks",
-    "flv1": "flv", "msmpeg4v3": "msmpeg4", "webp": "libwebp_anim",
+    "flv1": "flv", "msmpeg4v3": "msmpeg4", "webp": "libwebp_anim", "h265": "libx265",
 }  # fmt: skip
 # Widths that are no multiple of 128 px: x264's vectorised macroblock tree reads uninitialised
 # memory; its plain one, which this switch for equal results on all processors selects, does not.
