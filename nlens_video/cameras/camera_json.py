@@ -51,6 +51,7 @@ def described_camera(
     size: tuple[int, int],
     found: object,
     source: str,
+    pixel_aspect: float = 1.0,
     **defaults: object,
 ) -> SolvedCamera:
     """A camera that was read, with what its file says beside it.
@@ -60,12 +61,18 @@ def described_camera(
         size: columns and rows of the plate [px], where the file does not say.
         found: the description in the file, None or anything else where there is none.
         source: what messages call the file.
+        pixel_aspect: width of a pixel by its height, as `size` [1].
         **defaults: members of `camera.json`, where there is no description.
 
     Raises:
         SceneError: a value is missing or wrong.
     """
-    known = {"width": size[0], "height": size[1], "fov": "measured", "horizon": "measured"}
+    known: dict[str, object] = {
+        "width": size[0],
+        "height": size[1],
+        "fov": "measured",
+        "horizon": "measured",
+    }
     frames = [
         {
             "index": key.index,
@@ -77,6 +84,8 @@ def described_camera(
     ]
     path = "still" if len(keys) == 1 else "moving"
     said = found if isinstance(found, dict) else {}
+    if "width" not in said:  # its pixels go with its size
+        known["pixel_aspect"] = pixel_aspect
     whole = {**known, "path": path, **defaults, **said, "frames": frames}
     return camera_of_json(json.dumps(whole), source)
 
@@ -115,6 +124,7 @@ class _Reader:
             reprojection_px=self._number(raw, "reprojection_px", 0.0)
             if "reprojection_px" in raw
             else None,
+            pixel_aspect=self._ratio(raw, "pixel_aspect"),
         )
 
     def _key(self, number: int, raw: object) -> CameraKey:
@@ -154,6 +164,12 @@ class _Reader:
         if value < 1 or value != int(value):
             raise self._error(f'"{name}" is {value:g}, expected a number of pixels')
         return int(value)
+
+    def _ratio(self, raw: dict[str, object], name: str) -> float:
+        value = self._number(raw, name, 1.0)
+        if not 1.0 / LARGEST <= value:
+            raise self._error(f'"{name}" is {value:g}, expected a number above 0')
+        return value
 
     def _number(self, raw: dict[str, object], name: str, default: float | None) -> float:
         value = raw.get(name, default)

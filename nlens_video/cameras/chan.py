@@ -28,8 +28,9 @@ _STEEP = 1e-9  # cosine of a pitch
 
 
 def from_chan(
-    text: str, source: str, size: tuple[int, int], time_s: Callable[[int], float]
-) -> SolvedCamera:
+    text: str, source: str, size: tuple[int, int], time_s: Callable[[int], float],
+    pixel_aspect: float = 1.0,
+) -> SolvedCamera:  # fmt: skip
     """Read the text of a .chan file; its first frame is the plate's first.
 
     Args:
@@ -37,6 +38,7 @@ def from_chan(
         source: what messages call it.
         size: columns and rows of the plate [px].
         time_s: takes a frame of the plate to its time [s].
+        pixel_aspect: width of a pixel by its height [1].
 
     Raises:
         SceneError: a line is wrong, or there is none.
@@ -66,12 +68,14 @@ def from_chan(
     if not rows:
         raise SceneError(f"{source}: no line but comments; expected {CHAN}")
     rows.sort()
-    keys = tuple(_key(row, round(row[0] - rows[0][0]), size, time_s) for row in rows)
+    aspect = size[0] * pixel_aspect / size[1]
+    keys = tuple(_key(row, round(row[0] - rows[0][0]), aspect, time_s) for row in rows)
     if any(b.index <= a.index for a, b in zip(keys, keys[1:], strict=False)):
         raise SceneError(f"{source}: a frame is given twice")
     return SolvedCamera(
         width=size[0], height=size[1], keys=keys, fov="measured", horizon="measured",
         path="still" if len(keys) == 1 else "moving", method="Nuke .chan",
+        pixel_aspect=pixel_aspect,
     )  # fmt: skip
 
 
@@ -84,7 +88,7 @@ def to_chan(camera: SolvedCamera) -> str:
     lines = []
     for key in keys:
         pose = key.world_from_camera
-        tan = math.tan(0.5 * math.radians(key.fov_x_deg)) * camera.height / camera.width
+        tan = math.tan(0.5 * math.radians(key.fov_x_deg)) / camera.aspect
         fov_y = 2.0 * math.degrees(math.atan(tan))
         values = (*pose[:3, 3], *_turns_deg(pose[:3, :3]), fov_y)
         lines.append(f"{key.index}\t" + "\t".join(f"{value:.9g}" for value in values))
@@ -103,9 +107,7 @@ def _turns_deg(rotation: Float64) -> tuple[float, float, float]:
     return math.degrees(x), math.degrees(y), math.degrees(z)
 
 
-def _key(
-    row: list[float], index: int, size: tuple[int, int], time_s: Callable[[int], float]
-) -> CameraKey:
+def _key(row: list[float], index: int, aspect: float, time_s: Callable[[int], float]) -> CameraKey:
     from scipy.spatial.transform import Rotation  # here: scipy takes long to load
 
     turns = dict(zip("xyz", row[4:7], strict=True))
@@ -114,7 +116,7 @@ def _key(
         ORDER, [turns[axis] for axis in ORDER], degrees=True
     ).as_matrix()
     pose[:3, 3] = row[1:4]
-    tan = math.tan(0.5 * math.radians(row[7])) * size[0] / size[1]
+    tan = math.tan(0.5 * math.radians(row[7])) * aspect
     return CameraKey(
         index=index,
         pts_s=time_s(index),

@@ -32,6 +32,7 @@ _PARAMETERS = {
 }  # fmt: skip
 """Camera models: how many of their parameters are focal lengths [px], and how many there are."""
 _LEFT_OUT = 0.005  # distortion at a corner that one k1 for all may miss, by the frame's width
+_SAME_PIXELS = 0.005  # by which the ratio of two focal lengths may miss the pixels' shape [1]
 _COUNTED = re.compile(r"# *Number of \w+: (\d+)")
 
 
@@ -41,33 +42,40 @@ class _Lens:
 
     Attributes:
         size: columns and rows [px].
-        focal: focal length [px].
+        focal: focal length along columns [px].
+        pixel_aspect: of that along rows to it: width of a pixel by its height [1].
         principal: principal point [px].
         radial: k1, and k2 where the model has it [1].
     """
 
     size: tuple[int, int]
     focal: float
+    pixel_aspect: float
     principal: tuple[float, float]
     radial: tuple[float, ...]
 
     def bent(self, radial: tuple[float, ...]) -> float:
         """How far coefficients move a corner outwards, by the frame's width."""
-        corner = 0.5 * math.hypot(*self.size) / self.focal
+        corner = 0.5 * math.hypot(self.size[0], self.size[1] / self.pixel_aspect) / self.focal
         return sum(
             k * corner ** (2 * n + 3) for n, k in enumerate(radial)
         ) * self.focal / self.size[0]  # fmt: skip
 
 
-def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
+def read_colmap(
+    folder: Path, time_s: Callable[[int], float], size: tuple[int, int], pixel_aspect: float
+) -> SolvedCamera:
     """The camera path of a text model, on the ground that its points show.
 
     Args:
         folder: of the three files.
         time_s: takes a frame of the plate to its time [s].
+        size: columns and rows of the plate [px].
+        pixel_aspect: width of a pixel of the plate by its height [1].
 
     Raises:
-        SceneError: a file is missing or wrong, cameras of several sizes, or no ground is found.
+        SceneError: a file is missing or wrong, cameras of several sizes or with other pixels than
+            the plate's, or no ground is found.
     """
     _check_folder(folder)
     cameras = _cameras(folder / "cameras.txt")
@@ -81,6 +89,9 @@ def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
     width, height = lenses[0].size
     if any(lens.size != (width, height) for lens in lenses):
         raise SceneError(f"{folder}: pictures of several sizes; expected those of one plate")
+    squares = SolvedCamera(width=width, height=height, keys=())
+    own = pixel_aspect if squares.fits(*size) else 1.0  # else of pictures as they are displayed
+    _check_pixels(lenses, own, folder)
     bend = _bend(lenses, folder)
     poses = np.array([np.linalg.inv(FLIP @ shot[2]) for shot in shots])
     ground = fit_ground(points, poses)
@@ -106,7 +117,7 @@ def read_colmap(folder: Path, time_s: Callable[[int], float]) -> SolvedCamera:
     return SolvedCamera(
         width=width, height=height, keys=tuple(keys), fov="measured", horizon="measured",
         path="moving" if len(keys) > 1 else "still", method="COLMAP",
-        principal_px=lenses[0].principal, distortion_k1=bend,
+        principal_px=lenses[0].principal, distortion_k1=bend, pixel_aspect=own,
     )  # fmt: skip
 
 
@@ -167,10 +178,27 @@ def _cameras(path: Path) -> dict[str, _Lens]:
             raise SceneError(f"{path}: camera {name} has no focal length or no size")
         after = focals + 2
         found[name] = _Lens(
-            size, values[0], (values[focals], values[focals + 1]), tuple(values[after : after + 2])
+            size,
+            values[0],
+            values[focals - 1] / values[0],
+            (values[focals], values[focals + 1]),
+            tuple(values[after : after + 2]),
         )
     _check_count(path, len(found))
     return found
+
+
+def _check_pixels(lenses: list[_Lens], pixel_aspect: float, folder: Path) -> None:
+    """Refuse pictures with pixels of another shape than theirs [1]."""
+    worst = max(lenses, key=lambda lens: abs(lens.pixel_aspect / pixel_aspect - 1.0))
+    if abs(worst.pixel_aspect / pixel_aspect - 1.0) > _SAME_PIXELS:
+        raise SceneError(
+            f"{folder}: focal lengths of {worst.focal:.6g} and "
+            f"{worst.focal * worst.pixel_aspect:.6g} px, so of pixels that are "
+            f"{worst.pixel_aspect:.4g} times as wide as high, the plate's are {pixel_aspect:.4g} "
+            "times; solve again from the pictures as they are displayed, with one focal length "
+            "(--ImageReader.camera_model SIMPLE_RADIAL)"
+        )
 
 
 def _bend(lenses: list[_Lens], folder: Path) -> float:

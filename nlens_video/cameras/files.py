@@ -19,6 +19,7 @@ from nlens_video.cameras.usd import SUFFIXES, from_usd, require_usd, to_usda
 from nlens_video.core.errors import SceneError, UsageError
 
 _RATE = Fraction(24)  # of files that count frames, where the plate's rate is not known
+_SQUARE = 0.005  # pixels this near to square are taken for square [1]
 _WRITERS: dict[str, Callable[[SolvedCamera], bytes]] = {
     ".json": lambda camera: camera.to_json().encode(),
     ".glb": to_glb,
@@ -32,8 +33,9 @@ KNOWN = (
 
 
 def read_camera(
-    path: Path, size: tuple[int, int], rate: Fraction | None, tick: Fraction | None = None
-) -> SolvedCamera:
+    path: Path, size: tuple[int, int], rate: Fraction | None, tick: Fraction | None = None,
+    pixel_aspect: float | None = None,
+) -> SolvedCamera:  # fmt: skip
     """Read a camera for a plate.
 
     Args:
@@ -43,25 +45,28 @@ def read_camera(
         rate: frames a second of the plate, None where it is not known.
         tick: unit of the plate's times, None where it is not known [s]. Files that count frames get
             the times that frames have in the plate: Matroska's are whole milliseconds.
+        pixel_aspect: width of a pixel of the plate by its height, None where it is not known: as
+            `camera.json` says, else square [1].
 
     Raises:
         SceneError: it cannot be read, holds no camera, or that of a frame of another shape.
         UsageError: it is a USD file, and OpenUSD is not installed.
     """
-    suffix = path.suffix.lower()
+    suffix, across = path.suffix.lower(), pixel_aspect or 1.0
     if suffix in SUFFIXES:
         require_usd(path)
     if not path.exists():
         raise SceneError(f"{path}: there is no such file or folder; expected {KNOWN}")
     if path.is_dir():
-        return read_colmap(path, _frame_times(rate or _RATE, tick)).resized(*size)
+        times = _frame_times(rate or _RATE, tick)
+        return read_colmap(path, times, size, across).resized(*size, across)
     if suffix in (".glb", ".gltf"):
-        return from_glb(path, size, rate or _RATE).resized(*size)
+        return from_glb(path, size, rate or _RATE, across).resized(*size, across)
     if suffix in SUFFIXES:
-        return from_usd(path, size, rate or _RATE)
+        return from_usd(path, size, rate or _RATE, across)
     text = read_text(path, CHAN if suffix == ".chan" else KNOWN)
     if suffix == ".chan":
-        return from_chan(text, str(path), size, _frame_times(rate or _RATE, tick))
+        return from_chan(text, str(path), size, _frame_times(rate or _RATE, tick), across)
     if path.name in TEXT_FILES:
         raise SceneError(
             f"{path}: this is one file of a COLMAP text model; expected its folder; give "
@@ -72,8 +77,21 @@ def read_camera(
     except (ValueError, RecursionError) as error:
         raise SceneError(f"{path}: no camera ({broken_json(error)}); expected {KNOWN}") from error
     if is_fspy(raw):
-        return from_fspy(raw, str(path)).resized(*size)
-    return camera_of_json(text, str(path)).resized(*size)
+        return _displayed(from_fspy(raw, str(path)), path, size, across)
+    return camera_of_json(text, str(path)).resized(*size, pixel_aspect)
+
+
+def _displayed(
+    camera: SolvedCamera, path: Path, size: tuple[int, int], pixel_aspect: float
+) -> SolvedCamera:
+    """The camera of a picture whose pixels were taken for square, for a plate."""
+    if abs(pixel_aspect - 1.0) > _SQUARE and camera.fits(*size):
+        raise SceneError(
+            f"{path}: fSpy takes pixels for square, the plate's are {pixel_aspect:.4g} times as "
+            f"wide as high; open the plate's picture in fSpy as it is displayed, at "
+            f"{round(size[0] * pixel_aspect)}x{size[1]}"
+        )
+    return camera.resized(*size, pixel_aspect)
 
 
 def _frame_times(rate: Fraction, tick: Fraction | None) -> Callable[[int], float]:

@@ -39,7 +39,7 @@ def to_glb(camera: SolvedCamera) -> bytes:
     from scipy.spatial.transform import Rotation  # here: scipy takes long to load
 
     camera = on_ground_zero(camera)
-    angles = np.array([_fov(key.fov_x_deg, camera.height / camera.width) for key in camera.keys])
+    angles = np.array([_fov(key.fov_x_deg, 1.0 / camera.aspect) for key in camera.keys])
     poses = np.array([key.world_from_camera for key in camera.keys])
     turns = _continuous(Rotation.from_matrix(poses[:, :3, :3]).as_quat())
     places = poses[:, :3, 3]
@@ -48,7 +48,7 @@ def to_glb(camera: SolvedCamera) -> bytes:
     glb.document["asset"]["generator"] = f"nlens-video {VERSION}"
     glb.document["asset"]["extras"] = {DESCRIPTION: description(camera)}
     lens = {
-        "yfov": float(angles[0]), "aspectRatio": camera.width / camera.height,
+        "yfov": float(angles[0]), "aspectRatio": camera.aspect,
         "znear": _NEAR * side, "zfar": _FAR * side,
     }  # fmt: skip
     number = glb.add("cameras", {"name": "plate", "type": "perspective", "perspective": lens})
@@ -70,7 +70,9 @@ def to_glb(camera: SolvedCamera) -> bytes:
     return glb.bytes()
 
 
-def from_glb(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def from_glb(
+    path: Path, size: tuple[int, int], rate: Fraction, pixel_aspect: float = 1.0
+) -> SolvedCamera:
     """Read a file's first perspective camera, at all frames and at all its keys.
 
     Time 0 is the plate's first frame, the unit the metre, and the ground y = 0.
@@ -79,35 +81,42 @@ def from_glb(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
         path: a `.glb` or `.gltf` file.
         size: columns and rows of the plate [px].
         rate: frames a second of the plate.
+        pixel_aspect: width of a pixel of the plate by its height [1].
 
     Raises:
         SceneError: it cannot be read, has no camera, or one of another aspect ratio.
     """
     try:
-        return _read(path, size, rate)
+        return _read(path, size, rate, pixel_aspect)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
 
 
-def _read(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def _read(path: Path, size: tuple[int, int], rate: Fraction, pixel_aspect: float) -> SolvedCamera:
     document = read_document(path)
     accessors, hierarchy = AccessorReader(document), read_hierarchy(document)
     cameras = read_cameras(document, hierarchy.visible)
     if not cameras:
         raise SceneError("no perspective camera; export the scene with its camera")
-    camera, aspect = cameras[0], size[0] / size[1]
+    camera, aspect = cameras[0], size[0] * pixel_aspect / size[1]
     if camera.aspect_ratio is not None and abs(camera.aspect_ratio / aspect - 1) > _SAME_ASPECT:
+        squares = pixel_aspect == 1.0
+        shape = f"has {size[0]}x{size[1]}" if squares else f"is displayed as {aspect:.4g}:1"
         raise SceneError(
             f"camera '{camera.name}' is for pictures of {camera.aspect_ratio:.4g}:1, the plate "
-            f"has {size[0]}x{size[1]}; set that size in the scene and export it again"
+            f"{shape}; set that {'size' if squares else 'shape'} in the scene and export it again"
         )
     chosen = hierarchy.with_ancestors([camera.node])
     tracks = read_animations(document, accessors, hierarchy, {}).of_cameras(chosen, ALL).tracks
     motion = Animation(tuple(t for t in tracks if t.path != "yfov" or t.node == camera.number))
-    keys = [_key(camera, hierarchy, motion, time_s, size, rate) for time_s in _times(motion, rate)]
+    keys = [
+        _key(camera, hierarchy, motion, time_s, aspect, rate) for time_s in _times(motion, rate)
+    ]
     extras = document.root.child("asset").data.get("extras")
     found = extras.get(DESCRIPTION) if isinstance(extras, dict) else None
-    return described_camera(keys, size, found, "camera", scale="metres", method="glTF")
+    return described_camera(
+        keys, size, found, "camera", pixel_aspect, scale="metres", method="glTF"
+    )
 
 
 def _times(motion: Animation, rate: Fraction) -> list[float]:
@@ -130,7 +139,7 @@ def _key(
     hierarchy: Hierarchy,
     motion: Animation,
     time_s: float,
-    size: tuple[int, int],
+    aspect: float,
     rate: Fraction,
 ) -> CameraKey:
     pose = rigid(hierarchy.world(motion.apply(hierarchy.rest, time_s))[camera.node])
@@ -139,7 +148,7 @@ def _key(
         index=round(time_s * rate),
         pts_s=time_s,
         world_to_camera=np.asarray(np.linalg.inv(pose)),
-        fov_x_deg=2.0 * math.degrees(math.atan(math.tan(0.5 * yfov) * size[0] / size[1])),
+        fov_x_deg=2.0 * math.degrees(math.atan(math.tan(0.5 * yfov) * aspect)),
     )
 
 

@@ -97,6 +97,7 @@ class SolvedCamera:
             where no point was tracked [px].
         points: points of the scene that were solved with it (N, 3), None without; of scene files,
             not of `camera.json` [scene unit].
+        pixel_aspect: width of a pixel by its height, > 0 [1].
     """
 
     width: int
@@ -115,6 +116,12 @@ class SolvedCamera:
     place_guessed: bool = False
     reprojection_px: float | None = None
     points: Float64 | None = None
+    pixel_aspect: float = 1.0
+
+    @property
+    def aspect(self) -> float:
+        """Width of the frame by its height, as it is displayed [1]."""
+        return self.width * self.pixel_aspect / self.height
 
     @property
     def fov_source(self) -> str:
@@ -144,31 +151,49 @@ class SolvedCamera:
         pose[:3, 3] = (1.0 - share) * start[:3, 3] + share * end[:3, 3]
         return self._camera(pose, (1.0 - share) * first.fov_x_deg + share * second.fov_x_deg)
 
-    def resized(self, width: int, height: int) -> SolvedCamera:
+    def resized(
+        self, width: int, height: int, pixel_aspect: float | None = None
+    ) -> SolvedCamera:  # fmt: skip
         """The same camera for another size of the plate.
 
+        Args:
+            width: columns [px].
+            height: rows [px].
+            pixel_aspect: width of a pixel by its height; None: as here where the frame has the
+                same shape in pixels, else square [1].
+
         Raises:
-            SceneError: the shape of the frame differs by more than a pixel.
+            SceneError: the shape of the frame differs by more than a pixel, both as rows and
+                columns are counted and as it is displayed.
         """
         scale = width / self.width
-        if abs(self.height * scale - height) > 1.0 + scale:
+        same = self.fits(width, height)
+        wanted = pixel_aspect or (self.pixel_aspect if same else 1.0)
+        rows = self.height * scale * wanted / self.pixel_aspect  # of the same picture, displayed
+        if not same and abs(rows - height) > 1.0 + scale:
+            own = _frame(self.width, self.height, self.pixel_aspect)
             raise SceneError(
-                f"the camera is of a plate of {self.width}x{self.height}, the plate has "
-                f"{width}x{height}; solve the camera of this plate"
+                f"the camera is of a plate of {own}, the plate has "
+                f"{_frame(width, height, wanted)}; solve the camera of this plate"
             )
-        point = self.principal_px
+        point, down = self.principal_px, scale if same else height / self.height
         return replace(
-            self, width=width, height=height,
-            principal_px=None if point is None else (point[0] * scale, point[1] * scale),
+            self, width=width, height=height, pixel_aspect=wanted,
+            principal_px=None if point is None else (point[0] * scale, point[1] * down),
         )  # fmt: skip
+
+    def fits(self, width: int, height: int) -> bool:
+        """Whether a frame has the same shape, counted in rows and columns, but for a pixel."""
+        scale = width / self.width
+        return abs(self.height * scale - height) <= 1.0 + scale
 
     def _camera(self, pose: Float64, fov_x_deg: float) -> Camera:
         focal = 0.5 * self.width / math.tan(0.5 * math.radians(fov_x_deg))
         middle = 0.5 * self.width, 0.5 * self.height
         column, row = self.principal_px or middle
         return Camera(
-            world_from_camera=pose, fx=focal, fy=focal, cx=column, cy=row, width=self.width,
-            height=self.height,
+            world_from_camera=pose, fx=focal, fy=focal * self.pixel_aspect, cx=column, cy=row,
+            width=self.width, height=self.height,
         )  # fmt: skip
 
     def to_json(self) -> str:
@@ -193,6 +218,8 @@ class SolvedCamera:
             "stderr": asdict(self.errors),
             "method": self.method,
         }
+        if self.pixel_aspect != 1.0:
+            values["pixel_aspect"] = self.pixel_aspect
         if self.principal_px is not None:
             values["principal_px"] = list(self.principal_px)
         if self.distortion_k1:
@@ -204,6 +231,12 @@ class SolvedCamera:
         if self.reprojection_px is not None:
             values["reprojection_px"] = self.reprojection_px
         return json.dumps(values, indent=1) + "\n"
+
+
+def _frame(width: int, height: int, pixel_aspect: float) -> str:
+    """A frame's size, in words."""
+    square = abs(pixel_aspect - 1.0) < 1e-6
+    return f"{width}x{height}" + ("" if square else f" with pixels of {pixel_aspect:.4g}:1")
 
 
 def undistorted(pixels: Float64, camera: Camera, k1: float) -> Float64:

@@ -87,13 +87,15 @@ def _add_camera(stage: Usd.Stage, camera: SolvedCamera, codes: list[float]) -> N
 
     lens = UsdGeom.Camera.Define(stage, "/world/camera")
     lens.CreateProjectionAttr(UsdGeom.Tokens.perspective)
-    millimetres = _FILM_MM / max(camera.width, camera.height)  # a pixel
+    wide = camera.width * camera.pixel_aspect
+    millimetres = _FILM_MM / max(wide, camera.height) * camera.pixel_aspect  # a pixel across
+    upright = millimetres / camera.pixel_aspect
     lens.CreateHorizontalApertureAttr(millimetres * camera.width)
-    lens.CreateVerticalApertureAttr(millimetres * camera.height)
+    lens.CreateVerticalApertureAttr(upright * camera.height)
     if camera.principal_px is not None:
         column, row = camera.principal_px
         lens.CreateHorizontalApertureOffsetAttr(millimetres * (0.5 * camera.width - column))
-        lens.CreateVerticalApertureOffsetAttr(millimetres * (row - 0.5 * camera.height))
+        lens.CreateVerticalApertureOffsetAttr(upright * (row - 0.5 * camera.height))
     side = square_size(camera)
     lens.CreateClippingRangeAttr(Gf.Vec2f(_NEAR * side, _FAR * side))
     place = lens.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
@@ -124,7 +126,9 @@ def _set_points(prim: UsdGeom.PointBased, positions: Float64, width: float) -> N
     prim.SetWidthsInterpolation(UsdGeom.Tokens.constant)
 
 
-def from_usd(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def from_usd(
+    path: Path, size: tuple[int, int], rate: Fraction, pixel_aspect: float = 1.0
+) -> SolvedCamera:
     """Read a stage's first perspective camera, at all its time codes.
 
     The plate's first frame is the stage's first time code, and the ground y = 0 (z = 0 where Z is
@@ -134,6 +138,7 @@ def from_usd(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
         path: a `.usda`, `.usdc`, `.usd` or `.usdz` file.
         size: columns and rows of the plate [px].
         rate: frames a second of the plate.
+        pixel_aspect: width of a pixel of the plate by its height [1].
 
     Raises:
         SceneError: it cannot be read, or holds no camera that can be used.
@@ -141,7 +146,7 @@ def from_usd(path: Path, size: tuple[int, int], rate: Fraction) -> SolvedCamera:
     """
     require_usd(path)
     try:
-        return _camera(_found(path), size, rate)
+        return _camera(_found(path), size, rate, pixel_aspect)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error
 
@@ -182,7 +187,9 @@ def _time_codes(camera: SolvedCamera) -> tuple[float, list[float]]:
     ]
 
 
-def _camera(found: dict[str, Any], size: tuple[int, int], rate: Fraction) -> SolvedCamera:
+def _camera(
+    found: dict[str, Any], size: tuple[int, int], rate: Fraction, pixel_aspect: float
+) -> SolvedCamera:
     """The camera of what the worker found."""
     where, metres = found["camera"], found["metres"]
     per_second = float(rate) if found["codes_per_s"] is None else found["codes_per_s"]
@@ -199,7 +206,8 @@ def _camera(found: dict[str, Any], size: tuple[int, int], rate: Fraction) -> Sol
             f"{aperture.min():g}; expected lengths above 0"
         )
     pixels = size[0] / aperture
-    points = np.stack([0.5 * size[0] - pixels * across, 0.5 * size[1] + pixels * up], axis=1)
+    columns, rows = 0.5 * size[0] - pixels * across, 0.5 * size[1] + pixels * pixel_aspect * up
+    points = np.stack([columns, rows], axis=1)
     if np.ptp(points, axis=0).max() > _STRAYS_PX:
         raise SceneError(f"camera {where}: its aperture's offset is animated; expected one for all")
     axes = Y_UP_FROM_Z_UP if found["z_up"] else np.eye(4)
@@ -215,13 +223,13 @@ def _camera(found: dict[str, Any], size: tuple[int, int], rate: Fraction) -> Sol
             )
         )  # fmt: skip
     camera = described_camera(
-        keys, size, _description(found["description"]), f"camera {where}",
+        keys, size, _description(found["description"]), f"camera {where}", pixel_aspect,
         scale="arbitrary" if metres is None else "metres", method="OpenUSD",
     )  # fmt: skip
     middle = (0.5 * size[0], 0.5 * size[1])
     centred = bool(abs(points[0] - middle).max() < _CENTRED_PX)
     point = None if centred else (float(points[0, 0]), float(points[0, 1]))
-    return replace(camera.resized(*size), principal_px=point)
+    return replace(camera.resized(*size, pixel_aspect), principal_px=point)
 
 
 def _description(text: object) -> dict[str, object]:

@@ -125,7 +125,9 @@ class FrameLoop:
         size = (picture.width, picture.height)
         if self._session is None:
             file, rate = self.objects.camera_from, Fraction(self.fps).limit_denominator(1001)
-            solved = None if file is None else read_camera(file, size, rate)
+            solved = None
+            if file is not None:
+                solved = read_camera(file, size, rate, pixel_aspect=pixel_aspect)
             view = View(
                 width=size[0], height=size[1], pixel_aspect=pixel_aspect,
                 camera=self.objects.camera, solved=solved,
