@@ -81,6 +81,84 @@ def test_audio_without_a_channel_layout_is_reencoded_for_mp4(tmp_path):
     assert "stream 1 (audio) becomes aac: mp4 does not hold its codec" in notes
 
 
+def write_channels(path, layout, codec="flac", *, pause_s=0):
+    """A clip with a tone of its own loudness in each channel, 0.05 for the first, then 0.05 more.
+
+    It is so low that the channel of effects keeps it. With a pause it comes twice.
+    """
+    count = av.AudioLayout(layout).nb_channels
+    with av.open(str(path), "w") as out:
+        video = out.add_stream("libx264", 25)
+        video.width, video.height, video.pix_fmt = 32, 24, "yuv420p"
+        sound = out.add_stream(codec, RATE, layout=layout)
+        kind = sound.codec_context.codec.audio_formats[0].name
+        sound.codec_context.format = kind
+        for index in range(25):
+            frame = noise_frame(32, 24, "yuv420p", index)
+            frame.pts, frame.time_base = index, Fraction(1, 25)
+            out.mux(video.encode(frame))
+        tone = np.sin(np.arange(RATE) * 2 * np.pi * 60 / RATE)
+        samples = tone[:, None] * 0.05 * (1 + np.arange(count))
+        packed = np.ascontiguousarray(samples, np.float32).reshape(1, -1)
+        for start in (0, int(RATE * (1 + pause_s)))[: 2 if pause_s else 1]:
+            block = av.AudioFrame.from_ndarray(packed, "flt", layout)
+            block.sample_rate, block.pts, block.time_base = RATE, start, Fraction(1, RATE)
+            resampler = av.AudioResampler(kind, layout, RATE, sound.frame_size or 1152)
+            for part in (*resampler.resample(block), *resampler.resample(None)):
+                out.mux(sound.encode(part))
+        out.mux([*sound.encode(None), *video.encode(None)])
+    return path
+
+
+def channels(path):
+    """Layout of a file's sound, and its samples (channel, n)."""
+    with av.open(str(path)) as source:
+        layout = source.streams.audio[0].codec_context.layout
+        packed = av.AudioResampler("flt", layout, RATE)
+        parts = [part for frame in source.decode(audio=0) for part in packed.resample(frame)]
+    flat = np.concatenate([part.to_ndarray()[0] for part in parts])
+    return layout.name, flat.reshape(-1, layout.nb_channels).T.astype(np.float64)
+
+
+def peaks(samples):
+    return np.sqrt(2.0 * (samples**2).mean(axis=1))
+
+
+@pytest.mark.parametrize(
+    ("layout", "codec", "becomes"),
+    [
+        ("5.1(side)", "ac3", "5.1"), ("5.1(side)", "eac3", "5.1"), ("5.1(side)", "flac", "5.1"),
+        ("5.0(side)", "ac3", "5.0"), ("quad(side)", "flac", "quad"), ("5.1", "flac", "5.1"),
+        ("6.1", "flac", "6.1"), ("7.1", "flac", "7.1"),
+    ],
+)  # fmt: skip
+def test_each_channel_of_surround_sound_stays_itself_in_webm(tmp_path, layout, codec, becomes):
+    clip = write_channels(tmp_path / "in.mkv", layout, codec)
+    assert channels(clip)[0] == layout
+    notes = copy(clip, tmp_path / "out.webm")
+    assert "stream 1 (audio) becomes libopus: webm does not hold its codec" in notes
+    name, samples = channels(tmp_path / "out.webm")
+    assert name == becomes
+    loud = peaks(samples[:, RATE // 5 : RATE // 2])
+    np.testing.assert_allclose(loud, 0.05 * (1 + np.arange(len(loud))), rtol=0.1)
+
+
+def test_gap_in_sound_of_eight_channels_becomes_silence(tmp_path):
+    clip = write_channels(tmp_path / "in.mkv", "7.1", "pcm_s16le", pause_s=1)
+    notes = copy(clip, tmp_path / "out.mp4")
+    assert "stream 1 (audio) becomes aac: mp4 does not hold its codec" in notes
+    _, samples = channels(tmp_path / "out.mp4")
+    assert samples.shape[1] == pytest.approx(3 * RATE, abs=2000)
+    assert peaks(samples[:, RATE * 6 // 5 : RATE * 9 // 5]).max() < 0.001
+    assert peaks(samples[:, RATE * 11 // 5 : RATE * 14 // 5]).min() > 0.04
+
+
+def test_sound_that_loses_channels_is_noted(tmp_path):
+    clip = write_channels(tmp_path / "in.mkv", "2.1")
+    notes = " ".join(copy(clip, tmp_path / "out.webm"))
+    assert "becomes libopus: webm does not hold its codec; 3 channels become 2" in notes
+
+
 @pytest.mark.parametrize("name", ["out.mp4", "out.m4v", "out.mov"])
 def test_ac3_audio_is_copied_byte_for_byte(tmp_path, name):
     clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "yuv420p")], audio="ac3")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from fractions import Fraction
+from itertools import product
 
 import av
 import av.container
@@ -29,6 +30,8 @@ _TOLERANCE_S = 0.02
 """Jitter of time stamps in milliseconds and encoder delays; lip sync errors show from 40 ms."""
 _LONGEST_GAP_S = 3600
 _USUAL_LAYOUTS = {1: "mono", 2: "stereo", 3: "2.1", 4: "quad", 5: "5.0", 6: "5.1", 8: "7.1"}
+_SAME_COUNT = {4: "quad", 5: "5.0", 6: "5.1", 7: "6.1", 8: "7.1"}
+"""Layouts that encoders take which refuse others of as many channels, such as 5.1(side)."""
 _TEXT_CODECS = {"matroska": "subrip", "webm": "webvtt", **dict.fromkeys(MP4_FAMILY, "mov_text")}
 """Subtitle encoder by container."""
 
@@ -41,6 +44,7 @@ class AudioEncoder:
 
     Attributes:
         codec: FFmpeg's name of the encoder.
+        fewer: what is said where channels are mixed into fewer ones, else empty.
 
     Raises:
         ValueError: there is no decoder for it, or no encoder that accepts its format.
@@ -51,12 +55,16 @@ class AudioEncoder:
         if not isinstance(context, AudioCodecContext):
             raise ValueError("nothing decodes it")
         self.codec, rate, layout = _chosen(container, context)
+        had, has = context.layout.nb_channels, av.AudioLayout(layout).nb_channels
+        self.fewer = f"{had} channels become {has}" if has < had else ""
         added = container.add_stream(self.codec, rate)
         assert isinstance(added, AudioStream)
         self._stream = added
         self._stream.codec_context.layout = layout
         if self.codec == "aac":
-            added.codec_context.bit_rate = _AAC_BIT_RATE * context.layout.nb_channels
+            added.codec_context.bit_rate = _AAC_BIT_RATE * has
+        if self.codec == "libopus" and has > 2:  # by default FFmpeg swaps those of 5.0 and 6.1
+            added.codec_context.options = {"mapping_family": "1"}
         self._stream.metadata.update(source.metadata)
         self._stream.disposition = source.disposition
         formats = self._stream.codec_context.codec.audio_formats or (context.format,)
@@ -104,7 +112,9 @@ class AudioEncoder:
         packets: list[av.Packet[AudioStream]] = []
         while samples > 0:
             block = av.AudioFrame(like.format.name, like.layout.name, min(samples, self._rate))
-            for plane in block.planes:
+            # PyAV counts one plane too many, which does not exist, where there are eight
+            count = block.layout.nb_channels if block.format.is_planar else 1
+            for plane in block.planes[:count]:
                 plane.update(bytes(plane.buffer_size))
             samples -= block.samples
             self._write(block)
@@ -149,14 +159,18 @@ def _chosen(
     kept: tuple[str, ...] = ("alac", "flac") if lossless else ()
     if source.codec.name in _LOSSLESS and name == "avi":
         kept = pcm
-    for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
-        # tried first: a stream that was added cannot be removed
-        if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):
-            continue
-        for layout in (_layout(source), "stereo", "mono"):
-            for rate in (source.sample_rate, 48000, 44100, 8000):
-                if name in ("mxf", "dv") and rate != 48000:
-                    continue
+    rates: tuple[int, ...] = (source.sample_rate, 48000, 44100, 8000)
+    if name in ("mxf", "dv"):
+        rates = tuple(rate for rate in rates if rate == 48000)
+    own = _layout(source)
+    alike = (own, _SAME_COUNT.get(source.layout.nb_channels, own))
+    # rather another codec than fewer channels
+    for layouts in (alike, ("stereo", "mono")):
+        for codec in (*kept, *_PREFERRED, *surround, *pcm, default):
+            if not _is_encoder(codec) or is_recent(name, codec) or not holds_audio(name, codec):
+                continue
+            for layout, rate in product(layouts, rates):
+                # tried first: a stream that was added cannot be removed
                 with contextlib.suppress(ValueError):
                     _try(codec, rate, layout)
                     return codec, rate, layout

@@ -103,7 +103,8 @@ class CarriedStreams:
         except ValueError as error:
             return f"{label} is left out: {error}"
         self._targets[stream.index] = encoder
-        return f"{label} becomes {encoder.codec}: {self._name} does not hold its codec"
+        lost = f"; {encoder.fewer}" if isinstance(encoder, AudioEncoder) and encoder.fewer else ""
+        return f"{label} becomes {encoder.codec}: {self._name} does not hold its codec{lost}"
 
     def _add_cover(self, stream: CopiedStream, label: str) -> str:
         if self._name == "matroska" and stream.codec in _COVERS:
