@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Packet = av.Packet[Any]
 
 
+_SUBTITLE_S = 8  # what may be on screen at a range's start is read from so long before it [s]
 LOOKAHEAD_FRAMES = 7  # a mean of eight frames has about a third of the noise of one
 Item = TypeVar("Item")
 
@@ -91,6 +92,9 @@ class ChunkRange(SourceSlice):
 class FrameRange(SourceSlice):
     """The frames and packets of one range; its first frame is at time 0.
 
+    A subtitle that is on screen at the first frame begins there, and lasts as long as it did. Of
+    the other streams that is left which begins within the range.
+
     Args:
         source: the frames and, through its `packet_sink`, the other streams' packets.
         frames: first index and the one past the last, None for an open end.
@@ -101,6 +105,8 @@ class FrameRange(SourceSlice):
         self._source = source
         self._first, self._end = frames
         self._packets: deque[Packet] = deque()
+        self._subtitles = {one.index for one in source.info.copied if one.type == "subtitle"}
+        self._on_screen: list[Packet] = []  # subtitles before the range that may last into it
         self._start_s: Fraction | None = None if self._first else Fraction(0)
         self._start_pts = 0
         self._end_s: Fraction | None = None
@@ -108,9 +114,13 @@ class FrameRange(SourceSlice):
 
     def items(self) -> Iterator[SourceFrame | Packet]:
         """Frames and packets in the source's order."""
-        self.skip_to(self._first)
+        rate = self._source.info.average_rate or 30
+        self.skip_to(self._first - (round(_SUBTITLE_S * rate) if self._subtitles else 0))
+        following = waiting = 0
         for frame in self._in_order():
             moment = frame.pts * frame.time_base
+            if self._start_s is None and frame.index > following:  # by a connection of its own
+                self._forget(waiting)
             if self._end is not None and frame.index >= self._end:
                 if self._end_s is None:
                     self._end_s = moment
@@ -123,25 +133,52 @@ class FrameRange(SourceSlice):
             elif self._end_s is None:
                 if self._start_s is None:
                     self._start_pts, self._start_s = frame.pts, moment
+                    self._packets.extendleft(reversed(self._on_screen))
                     yield from self._released(moment)
                 yield replace(frame, pts=frame.pts - self._start_pts)
+            following, waiting = frame.index + 1, len(self._packets)
         yield from self._released(None)
 
+    def _forget(self, waiting: int) -> None:
+        """Drop the packets of a connection that is closed, and with it their streams.
+
+        Args:
+            waiting: how many of those that wait are of it [1].
+        """
+        for _ in range(waiting):
+            self._packets.popleft()
+        self._on_screen.clear()
+
     def _released(self, moment: Fraction | None) -> Iterator[Packet]:
-        """Packets whose time is decided; those before the range wait until its start is known."""
+        """Packets whose time is decided, in their order, up to a frame's time; None for all.
+
+        Those before the range wait until its start is known, and those that the file holds ahead of
+        the frames until it is known that they do not lie behind its end.
+        """
         if self._start_s is None:
             while self._packets and moment is not None:
                 if _seconds(self._packets[0]) > moment - INTERLEAVING_S:
                     return
-                self._packets.popleft()
+                self._on_screen.append(self._packets.popleft())
+                self._on_screen = [one for one in self._on_screen if self._is_shown(one, moment)]
             return
+        until = moment if self._end is not None and self._end_s is None else None
         while self._packets:
+            if until is not None and _seconds(self._packets[0]) > until:
+                return
             packet = self._packets.popleft()
             if self._first and _seconds(packet) < self._start_s:
-                continue
+                if not self._is_shown(packet, self._start_s):
+                    continue
+                _begin_at(packet, self._start_s)
             if self._end_s is not None and _seconds(packet) >= self._end_s:
                 continue
             yield self._shifted(packet)
+
+    def _is_shown(self, packet: Packet, moment: Fraction) -> bool:
+        """Whether a packet, begun by a moment [s], is a subtitle that is still shown then."""
+        lasts_s = (packet.duration or 0) * Fraction(packet.time_base or 0)
+        return packet.stream_index in self._subtitles and _seconds(packet) + lasts_s > moment
 
     def _shifted(self, packet: Packet) -> Packet:
         if self._start_s and packet.time_base:
@@ -154,6 +191,14 @@ class FrameRange(SourceSlice):
 def _seconds(packet: Packet) -> Fraction:
     ticks = packet.pts if packet.pts is not None else packet.dts
     return (ticks or 0) * Fraction(packet.time_base or 0)
+
+
+def _begin_at(packet: Packet, moment: Fraction) -> None:
+    """Let a packet begin later [s], and end when it did."""
+    ticks = round(moment / Fraction(packet.time_base or 1))
+    begun = packet.pts if packet.pts is not None else packet.dts
+    packet.duration = max(0, (begun or 0) + (packet.duration or 0) - ticks)
+    packet.pts = packet.dts = ticks
 
 
 def look_ahead(
