@@ -37,6 +37,10 @@ _OPTIONS = {
     "ffv1": {"level": "3", "slicecrc": "1"},
     **dict.fromkeys(_FIXED_SCALE, {"flags": "+qscale", "global_quality": str(2 * 118)}),
 }
+_FIELDS = ("libx264", "mpeg2video", "mpeg4", "prores_ks")
+"""Encoders that code fields when they are told to."""
+_MARKING = (*_FIELDS, "ffv1", "dvvideo")
+"""Encoders whose pictures say that they consist of two fields."""
 _HIGHEST_CRF = {"libx264": 51, "libx264rgb": 51, "libx265": 51}
 """Of encoders whose options do not state it [1]."""
 
@@ -144,9 +148,21 @@ def encoder_options(
     if crf is not None:
         check_crf(crf, encoder)
         options["crf"] = f"{crf:g}"
-    if interlaced and encoder in ("libx264", "mpeg2video"):
+    if interlaced and encoder in _FIELDS:
         options["flags"] = options.get("flags", "") + "+ildct+ilme"
     return options
+
+
+def unmarked_fields(encoder: str, *, interlaced: bool) -> tuple[str, ...]:
+    """A note where interlaced pictures do not say any more that they are.
+
+    Args:
+        encoder: FFmpeg's name of it.
+        interlaced: whether the source's frames consist of two fields.
+    """
+    if not interlaced or encoder in _MARKING:
+        return ()
+    return (f"interlaced pictures become whole frames: {encoder} does not mark their fields",)
 
 
 def nearest_format(wanted: str, formats: list[str], codec: str) -> str:

@@ -24,6 +24,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     not_held,
     pixel_formats,
     some_format,
+    unmarked_fields,
 )
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 
@@ -121,6 +122,7 @@ def choose_encoding(
         reasons.append(
             f"pixel format {chosen} instead of {wanted}: nearest that {name} takes{lost}"
         )
+    reasons += unmarked_fields(name, interlaced=info.interlaced)
     options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
