@@ -183,7 +183,11 @@ class VideoSink(Sink):
     def _writing(self) -> Iterator[None]:
         try:
             yield
-        except BrokenPipeError as error:
+        except (BrokenPipeError, ConnectionResetError) as error:
+            if "://" in self._spec:  # a server that goes away is no reader that has seen enough
+                raise OutputError(
+                    f"{self._spec}: the other side closed the connection; see what it says"
+                ) from error
             raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
