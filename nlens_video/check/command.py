@@ -109,7 +109,11 @@ def compare(
         if camera_from is not None:
             size = given.info.width, given.info.height
             measures.drift.solved = read_camera(
-                camera_from, size, given.info.average_rate, given.info.time_base
+                camera_from,
+                size,
+                given.info.average_rate,
+                given.info.time_base,
+                pixel_aspect=given.info.pixel_aspect,
             )
         codecs = [
             [one.codec for one in source.info.copied if one.type == "audio"]

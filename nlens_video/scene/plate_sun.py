@@ -72,7 +72,7 @@ class PlateSun:
         told = (
             "shadows on the plate tell a sun:"
             if self.sure
-            else "no sun is sure, so the shadow is broad; the likeliest is"
+            else "no sun is sure, and a shadow by it is broad; the likeliest is"
         )
         return (
             f"{told} --sun {round(where.azimuth_deg)},{round(where.elevation_deg)} "

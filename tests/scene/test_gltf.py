@@ -315,3 +315,10 @@ def test_published_invalid_files_load_or_are_refused_in_one_line(shared):
             assert "\n" not in str(error)
     # one more would load, but its bind matrices put every vertex beyond 1e18
     assert loaded >= 70
+
+
+@pytest.mark.parametrize("name", ["chair.obj", "chair.FBX", "chair.usdz"])
+def test_model_in_another_format_is_refused_with_what_to_do(tmp_path, name):
+    (tmp_path / name).write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    with pytest.raises(SceneError, match=r"is not read; convert it to \.glb"):
+        Scene.load(tmp_path / name)

@@ -89,5 +89,5 @@ def angle_errors(known: SolvedCamera, found: SolvedCamera) -> dict[str, AngleErr
 
 
 def _yfov(camera: SolvedCamera, fov_x_deg: float) -> float:
-    half = math.tan(0.5 * math.radians(fov_x_deg)) * camera.height / camera.width
+    half = math.tan(0.5 * math.radians(fov_x_deg)) / camera.aspect
     return 2.0 * math.degrees(math.atan(half))

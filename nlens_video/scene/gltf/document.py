@@ -28,6 +28,11 @@ _FREE_BYTES, _GROWTH = 512 << 20, 16
 _MOST_WARNINGS = 100
 _CHUNK = 1 << 20
 _GLB_MAGIC = b"glTF"
+_CONVERTIBLE = (
+    ".3ds", ".abc", ".blend", ".dae", ".fbx", ".obj", ".ply", ".stl", ".usd", ".usda", ".usdc",
+    ".usdz", ".x3d",
+)  # fmt: skip
+"""Extensions of models in other formats, which Blender writes as .glb."""
 _JSON_CHUNK, _BIN_CHUNK = 0x4E4F534A, 0x004E4942
 
 
@@ -220,6 +225,8 @@ def read_document(path: Path) -> Document:
     except OSError as error:
         reason = error.strerror or str(error)
         raise SceneError(f"cannot be read ({reason}); expected a .glb or .gltf file") from error
+    if path.suffix.lower() in _CONVERTIBLE and not data.startswith(_GLB_MAGIC):
+        raise SceneError(f"{path.suffix} is not read; convert it to .glb, by Blender for instance")
     text, binary = _split_glb(data) if data.startswith(_GLB_MAGIC) else (data, None)
     document = Document(_parse_json(text), path.parent, binary)
     _check_version(document.root)
