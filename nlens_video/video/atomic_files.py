@@ -11,12 +11,15 @@ import os
 import platform
 import re
 import shutil
+import signal
 import stat
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from nlens_video.core import signals
 from nlens_video.core.errors import OutputError
 
 
@@ -157,19 +160,76 @@ def publish(partial: Path, path: Path) -> None:
     Raises:
         OutputError: the disk is full or the folder has disappeared.
     """
-    try:
-        target = written_through(path)
+    with _writing(path):
         _bring_to_disk(partial)
-        if target.exists():
-            _take_rights(target, partial)
-        try:
-            partial.replace(target)
-        except OSError as error:
-            if error.errno != errno.EXDEV:
-                raise
-            _move_across(partial, target)
+        _rename(partial, path)
+
+
+def publish_all(files: Sequence[tuple[Path, Path]], name: str) -> None:
+    """Flush finished files to the disk, then rename all of them, whatever interrupts.
+
+    Args:
+        files: temporary and final name of each.
+        name: of all together, for the note.
+
+    Raises:
+        OutputError: the disk is full or the folder has disappeared.
+        KeyboardInterrupt: a signal came; with a note if all files have their names already.
+    """
+    for partial, path in files:
+        with _writing(path):
+            _bring_to_disk(partial)
+    renamed = 0
+    try:
+        with _uninterrupted():
+            for partial, path in files:
+                with _writing(path):
+                    _rename(partial, path)
+                renamed += 1
+    except KeyboardInterrupt as interrupt:
+        if files and renamed == len(files):
+            interrupt.add_note(f"{name} is complete")
+        raise
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold termination signals back until the end; they are raised there."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals interrupt the main thread alone
+        return
+    arrived: list[int] = []
+    before = {number: signal.getsignal(number) for number in signals.ENDING}
+    held = {number: one for number, one in before.items() if one not in (None, signal.SIG_IGN)}
+    for number in held:
+        signal.signal(number, lambda number, _: arrived.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in held.items():
+            signal.signal(number, handler)
+        if arrived:
+            signal.raise_signal(arrived[0])
+
+
+def _rename(partial: Path, path: Path) -> None:
+    target = written_through(path)
+    if target.exists():
+        _take_rights(target, partial)
+    try:
+        partial.replace(target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        _move_across(partial, target)
 
 
 def _bring_to_disk(path: Path) -> None:

@@ -11,7 +11,7 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.atomic_files import partial_name, publish, remove_stale
+from nlens_video.video.atomic_files import partial_name, publish_all, remove_stale
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Sink
@@ -52,7 +52,8 @@ class StillSink(Sink):
 
     def close(self) -> None:
         """Discard the files, or keep them where that was requested."""
-        if self._folder.is_dir() and self._keep and self._written:
+        left = self._written and self._folder.is_dir() and any(self._folder.iterdir())
+        if self._keep and left:
             self.kept = self._path.with_name(f"{self._path.stem}.partial")
             shutil.rmtree(self.kept, ignore_errors=True)  # of an earlier run
             with contextlib.suppress(OSError):
@@ -83,13 +84,13 @@ class StillSink(Sink):
         """Nothing: pictures have no other streams."""
 
     def commit(self) -> None:
-        """Give the files their names.
+        """Give the files their names: all, or in an interrupted run none.
 
         Raises:
             OutputError: they cannot be written.
         """
-        for path in self._written:
-            publish(self._folder / path.name, path)
+        files = [(self._folder / path.name, path) for path in self._written]
+        publish_all(files, str(self._path))
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def _name(self, index: int) -> Path:
