@@ -13,7 +13,7 @@ from nlens_video.video.info import Packet, SourceInfo, is_cover
 from nlens_video.video.pixels.pixel_formats import converted, resized
 from nlens_video.video.pixels.samples import frame_tags
 
-_BACK_S = 1
+BACK_S = 1
 """Time stamps that step back by more restart, as in concatenated recordings [s]."""
 _AHEAD_S = 10
 """Time stamps further beyond the stated length are wrong [s]."""
@@ -33,11 +33,14 @@ class SourceClock:
     Attributes:
         time_base: seconds per tick [s].
         repaired: frames whose time stamp was replaced [1].
+        frames: so far [1].
+        offsets: what is added since each step back in time that still holds [ticks].
     """
 
     def __init__(self, info: SourceInfo) -> None:
         self.time_base = info.time_base
-        self.repaired = 0
+        self.repaired = self.frames = 0
+        self.offsets: list[int] = []
         self._step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
         self._length_s = info.duration_s
         self._shift = 0
@@ -46,6 +49,7 @@ class SourceClock:
 
     def tick(self, pts: int | None) -> int:
         """The frame's pts, later than that of the frame before [ticks]."""
+        self.frames += 1
         if self._first is None:
             self.repaired += pts is None
             self._first = self._last = pts or 0
@@ -60,9 +64,12 @@ class SourceClock:
             return following
         if self._fits_unshifted(pts):
             self._shift = 0
+            self.offsets = []
         elif self._is_leap(pts + self._shift):
             # one wrong time stamp, or an offset of all that follow, until unshifted ones fit again
+            back = pts + self._shift < self._last
             self._shift = following - pts
+            self.offsets += [self._shift] if back else []
             self.repaired += 1
         self.repaired += pts + self._shift <= self._last
         return max(pts + self._shift, self._last + 1)
@@ -80,9 +87,9 @@ class SourceClock:
         """Whether a time stamp is implausibly far from the last frame's."""
         distance_s = (pts - self._last) * self.time_base
         if self._length_s is None:
-            return not -_BACK_S < distance_s < _LONGEST_PAUSE_S
+            return not -BACK_S < distance_s < _LONGEST_PAUSE_S
         beyond_s = (pts - (self._first or 0)) * self.time_base - Fraction(self._length_s)
-        return distance_s <= -_BACK_S or (distance_s > _AHEAD_S and beyond_s > _AHEAD_S)
+        return distance_s <= -BACK_S or (distance_s > _AHEAD_S and beyond_s > _AHEAD_S)
 
     def missing_before(self, pts: int) -> int:
         """Number of frames that fit between the last frame and `pts`; call before `tick` [1]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 
 import av
@@ -20,6 +19,7 @@ from nlens_video.video.input.open import (
     open_container,
     video_stream,
 )
+from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
 from nlens_video.video.input.repair import Completeness, Conform, SourceClock
 from nlens_video.video.interfaces import Source
@@ -87,7 +87,7 @@ class AvSource(Source):
 
     def __init__(self, spec: str, hints: InputHints, *, sparse: bool = False) -> None:
         self.hints = hints
-        self._early: deque[Packet] = deque()
+        self._passed = PassedPackets()
         self._covers: dict[int, bytes] = {}
         self._started = False
         self._index = 0
@@ -133,7 +133,7 @@ class AvSource(Source):
         del self._first
         index, lost, seen_damage = self._index, 0, 0
         self._started = True
-        self._flush_early()
+        self._pass_on()
         while frame is not None:
             frame = self._conform(frame, index)
             if self._damaged > seen_damage and frame.pts is not None:
@@ -153,6 +153,7 @@ class AvSource(Source):
             )  # fmt: skip
             index += 1
             frame = next(self._decoded, None)
+        self._pass_on(ended=True)
 
     def start_at(self, pts: Sequence[int], start: int, number: int) -> bool:
         """Seek so that iteration begins with a later frame; call before it.
@@ -171,7 +172,7 @@ class AvSource(Source):
         except av.FFmpegError:
             return False
         self._decoded.close()
-        self._early.clear()
+        self._passed = PassedPackets()
         self._decoded = self._decode()
         for time in pts[start : number + 1]:
             frame = next(self._decoded, None)
@@ -191,10 +192,12 @@ class AvSource(Source):
                 if is_cover(packet.stream):
                     self._covers.setdefault(packet.stream.index, bytes(packet))
                 elif packet.dts is not None and packet.stream in self._copied:
-                    self._early.append(packet)
+                    self._passed.add(packet)
                     if self._started:
-                        self._flush_early()
+                        self._pass_on()
                 continue
+            if packet is not None:
+                self._passed.see(packet)
             try:
                 frames = self._decoder.decode(packet)
             except av.FFmpegError:
@@ -231,9 +234,8 @@ class AvSource(Source):
         """Irregularities so far, other than damaged packets."""
         return (*self._conform.notes(), *self._clock.notes(), *self._ended_early)
 
-    def _flush_early(self) -> None:
-        """Hand over packets that were read before iteration; without a `packet_sink`, drop them."""
-        while self._early:
-            packet = self._early.popleft()
+    def _pass_on(self, *, ended: bool = False) -> None:
+        """Hand over packets whose time is known; without a `packet_sink`, drop them."""
+        for packet in self._passed.due(self._clock, ended=ended):
             if self.packet_sink is not None:
                 self.packet_sink(packet)
