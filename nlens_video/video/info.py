@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
@@ -61,6 +62,8 @@ class SourceInfo:
         time_base: seconds per tick of a pts [s].
         average_rate: frames per second, None where unknown [1/s].
         steady: whether the frame rate is constant.
+        frame_time: gives the time of the frame of a number [s], or None where the file does not
+            tell it; None for sources that are not begun within.
         frame_count: estimate, None where unknown [1].
         duration_s: length, None where unknown [s].
         pixel_format: FFmpeg's name of the decoded format; `gbrpf32le` for OpenEXR.
@@ -88,6 +91,9 @@ class SourceInfo:
     time_base: Fraction
     average_rate: Fraction | None
     steady: bool = True
+    frame_time: Callable[[int], Fraction | None] | None = field(
+        default=None, repr=False, compare=False
+    )
     frame_count: int | None
     duration_s: float | None
     pixel_format: str
@@ -173,15 +179,21 @@ def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
     first, end = frames
     if (first, end) == (0, None) or not info.average_rate:
         return info
-    start_s = first / info.average_rate
-    end_s = None if end is None else end / info.average_rate
+    start_s = _time(info, first) if info.chapters else Fraction(0)
+    end_s = _time(info, end) if info.chapters and end is not None else None
     shifted = [_cut(chapter, start_s, end_s) for chapter in info.chapters]
     return replace(
         info,
         chapters=tuple(one for one in shifted if one is not None),
-        metadata=_advanced(info.metadata, first, info.average_rate),
-        stream_metadata=_advanced(info.stream_metadata, first, info.average_rate),
+        metadata=_advanced(info.metadata, info, first),
+        stream_metadata=_advanced(info.stream_metadata, info, first),
     )
+
+
+def _time(info: SourceInfo, number: int) -> Fraction:
+    """Time of a frame [s], by the average rate where it is not known."""
+    known = None if info.frame_time is None else info.frame_time(number)
+    return number / (info.average_rate or Fraction(25)) if known is None else known
 
 
 def advanced_timecode(timecode: str, frames: int, rate: Fraction) -> str:
@@ -211,7 +223,12 @@ def advanced_timecode(timecode: str, frames: int, rate: Fraction) -> str:
     return f"{clock}{match[4]}{number:02}"
 
 
-def _advanced(tags: dict[str, str], frames: int, rate: Fraction) -> dict[str, str]:
+def _advanced(tags: dict[str, str], info: SourceInfo, first: int) -> dict[str, str]:
+    """Tags of a part; a timecode goes on by the time from the first frame on."""
+    rate = info.average_rate
+    if rate is None or "timecode" not in map(str.lower, tags):
+        return tags
+    frames = round((_time(info, first) - _time(info, 0)) * rate)
     return {
         key: advanced_timecode(value, frames, rate) if key.lower() == "timecode" else value
         for key, value in tags.items()

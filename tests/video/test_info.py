@@ -7,6 +7,7 @@ import pytest
 from support.clips import noise_frame, write_clip
 
 from nlens_video.video.info import advanced_timecode, part_of
+from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
 
 NTSC = Fraction(30000, 1001)
@@ -44,3 +45,21 @@ def test_range_keeps_its_chapters_and_timecode(tmp_path):
     assert [(one["start"], one["end"]) for one in part.chapters] == [(0, 600), (600, 1000)]
     assert part.stream_metadata == {"TIMECODE": "00:00:11:00"}
     assert part_of(whole, (0, None)) is whole
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv"])
+def test_range_of_a_varying_rate_begins_at_the_time_of_its_first_frame(tmp_path, ending):
+    """Frames of 40 ms, then of 400 ms: their average is nobody's."""
+    pts = [*range(0, 1000, 40), *range(1000, 5000, 400)]
+    clip = write_clip(
+        tmp_path / f"in.{ending}", [noise_frame(64, 48, "yuv420p", s) for s in range(len(pts))],
+        codec="libx264", pts=pts, time_base=Fraction(1, 1000),
+    )  # fmt: skip
+    chapters = (chapter(0, 1400, "a"), chapter(1400, 5000, "b"))
+    with open_seekable(str(clip)) as source:
+        whole = replace(source.info, chapters=chapters, stream_metadata={"timecode": "00:00:10:00"},
+                        average_rate=Fraction(10))  # fmt: skip
+        part = part_of(whole, (20, 30))
+    cut = [(one["start"], one["end"], one["metadata"]["title"]) for one in part.chapters]
+    assert cut == [(0, 600, "a"), (600, 2200, "b")]
+    assert part.stream_metadata == {"timecode": "00:00:10:08"}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from itertools import accumulate
 from typing import TypeAlias, Unpack
 
@@ -54,6 +55,9 @@ class SeekableSource(SwitchingSource):
         super().__init__(first)
         self._hints = first.hints
         self._wanted = 0
+        # files whose rate varies may state a constant one
+        known = partial(frame_time, self.info.name, self._hints, self.info.time_base)
+        self.info = replace(self.info, frame_time=known)
 
     def skip_to(self, number: int) -> None:
         """Allow frames before `number` to be skipped from the next frame on."""
@@ -149,6 +153,22 @@ def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None
         except av.FFmpegError as error:
             raise InputError(f"{spec}: cannot be read ({error.strerror})") from error
     return _checked(times, keys, number)
+
+
+def frame_time(spec: str, hints: InputHints, time_base: Fraction, number: int) -> Fraction | None:
+    """Time of a frame by the packets up to it [s]; None where these do not tell it.
+
+    Args:
+        spec: a file.
+        hints: the user's options.
+        time_base: of the file's video stream [s].
+        number: of the frame.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    index = index_until(spec, hints, number)
+    return None if index is None else index.pts[number] * time_base
 
 
 def _checked(times: list[int], keys: list[int], number: int) -> PacketIndex | None:
