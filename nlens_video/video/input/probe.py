@@ -70,7 +70,7 @@ def describe(
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
         camera_tags=camera_tags(spec, container, stream, first),
-        notes=_left_out(container, stream, copied),
+        notes=(*_left_out(container, stream, copied), *_untagged(stream, first, transfer)),
     )  # fmt: skip
 
 
@@ -120,6 +120,23 @@ def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
         index=stream.index, type=stream.type, codec="" if context is None else context.name,
         stream=stream, cover=covers.get(stream.index, b""),
     )  # fmt: skip
+
+
+def _untagged(
+    stream: av.video.stream.VideoStream, first: av.VideoFrame, transfer: str | None
+) -> tuple[str, ...]:
+    """A note on raw samples that may be of HDR, of which nothing says so."""
+    deep = max(component.bits for component in first.format.components) > 8
+    told = transfer is not None or first.color_trc not in (0, 2) or first.color_primaries != 2
+    if stream.codec.name != "rawvideo" or told or not deep or first.format.is_rgb:
+        return ()
+    return (
+        Note(
+            "the plate carries no colour tags: taken for BT.709; where it is HDR, pipe it as FFV1 "
+            "in Matroska, which carries them, or give --input-transfer",
+            NoteKind.UNCERTAIN,
+        ),
+    )
 
 
 def _left_out(
