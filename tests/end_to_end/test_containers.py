@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from support.clips import copy
-from support.programs import codecs, complaints, ffmpeg, made
+from support.programs import codecs, complaints, ffmpeg, made, streams
 
 pytestmark = pytest.mark.needs_programs("ffmpeg", "ffprobe")
 CONTAINERS = (
@@ -109,6 +109,19 @@ def test_broadcast_containers_get_their_standard_codecs(plate, container, kept, 
     copy(source, tmp_path / f"out.{container}")
     assert codecs(tmp_path / f"out.{container}") == kept
     assert complaints(tmp_path / f"out.{container}") == ""
+
+
+@pytest.mark.parametrize("container", ["mov", "mxf"])
+@pytest.mark.parametrize(
+    ("profile", "pixel_format"), [("dnxhr_hqx", "yuv422p10le"), ("dnxhr_444", "yuv444p10le")]
+)
+def test_deep_dnxhr_is_kept(container, profile, pixel_format, tmp_path):
+    pictures = ("-f", "lavfi", "-i", "testsrc2=s=352x288:r=25", "-frames:v", 3)
+    words = ("-c:v", "dnxhd", "-profile:v", profile, "-pix_fmt", pixel_format)
+    plate = made(*pictures, *words, tmp_path / "in.mov")
+    assert copy(plate, tmp_path / f"out.{container}") == ()
+    found = streams(tmp_path / f"out.{container}")[0]
+    assert (found["codec_name"], found["pix_fmt"]) == ("dnxhd", pixel_format)
 
 
 @pytest.mark.parametrize("container", ["ts", "mkv", "mp4"])

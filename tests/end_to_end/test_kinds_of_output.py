@@ -57,3 +57,12 @@ def test_video_is_written_as_an_animated_picture(tmp_path, ending):
         return
     with av.open(str(tmp_path / f"out.{ending}")) as out:
         assert sum(1 for _ in out.decode(video=0)) == 3
+
+
+@pytest.mark.parametrize("ending", ["yuv", "rgb"])
+def test_raw_file_holds_raw_frames(tmp_path, ending):
+    made = [noise_frame(64, 48, "yuv420p", seed) for seed in range(3)]
+    clip = write_clip(tmp_path / "in.mkv", made, audio=True)
+    notes = " ".join(copy(clip, tmp_path / f"out.{ending}"))
+    assert (tmp_path / f"out.{ending}").stat().st_size == 3 * 64 * 48 * 3 // 2
+    assert "stream 1 (audio) is left out" in notes

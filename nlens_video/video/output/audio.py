@@ -17,7 +17,8 @@ from av.subtitles.codeccontext import SubtitleCodecContext
 from av.subtitles.stream import SubtitleStream
 
 from nlens_video.video.info import Packet
-from nlens_video.video.output.containers import MP4_FAMILY, holds_audio, is_recent
+from nlens_video.video.output.containers import MP4_FAMILY, holds_audio
+from nlens_video.video.output.recent_codecs import is_recent
 
 _PREFERRED = ("aac", "libopus")
 _SURROUND = ("ac3",)

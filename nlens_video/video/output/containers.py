@@ -7,7 +7,6 @@ reads the same codec out of it again.
 
 from __future__ import annotations
 
-import contextlib
 import io
 from collections.abc import Callable
 from fractions import Fraction
@@ -24,18 +23,20 @@ from av.video.stream import VideoStream
 
 from nlens_video.video.info import CopiedStream, is_cover
 from nlens_video.video.output.encoder_threads import ordinary_priority
+from nlens_video.video.output.encoders import encoder_options
+from nlens_video.video.output.recent_codecs import canonical, is_recent
 
 MP4_FAMILY = ("mp4", "mov", "ipod", "3gp", "3g2", "ismv", "f4v")
 """FFmpeg's muxers of ISO base media files."""
-_RECENT = {
-    "flv": ("hevc", "vp8", "vp9", "av1", "opus", "flac", "ac3", "eac3"),  # since 2023
-    "mxf": ("ffv1",),
-    "avi": ("flac",),  # read again, but not decoded
-}
 _PROGRAM_STREAMS = ("mpeg", "vob", "svcd", "vcd", "dvd")
 """These name no codec: readers guess, and only MPEG-1 and MPEG-2 are guessed by all of them."""
-_RTSP = ("libx264", "libx265", "libvpx", "libvpx-vp9", "mpeg4", "mpeg2video", "mpeg1video", "mjpeg")
-"""Encoders of codecs with an RTP payload format; a trial would need a server."""
+_UNTRIED = {
+    "rtsp": (
+        "libx264", "libx265", "libvpx", "libvpx-vp9", "mpeg4", "mpeg2video", "mpeg1video", "mjpeg",
+    ),
+    "rawvideo": ("rawvideo",),
+}  # fmt: skip
+"""Encoders where no trial tells: it would need a server, or the file does not say what it is."""
 _PICTURES_FIRST = ("mxf", "gxf", "dv")
 """These hold sound only beside pictures."""
 _SIZE = (352, 288)  # one that H.263 and DNxHR have, too [px]
@@ -45,11 +46,10 @@ _BLOCK = 1152
 _OPTIONS = {
     "libx264": {"preset": "ultrafast"},
     "libx265": {"preset": "ultrafast", "x265-params": "log-level=none"},
-    "dnxhd": {"profile": "dnxhr_hq"},
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8"},
 }
-"""Of an encoder in a trial; what a container holds does not depend on the preset."""
+"""Of an encoder in a trial, where those of results are slow or fail on it."""
 _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders whose alpha is a second stream, which only Matroska can store."""
 _USUAL = frozenset(product(("mp4", "mov", "matroska"), ("libx264", "libx265", "aac")))
@@ -58,27 +58,6 @@ _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not 
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experimental
 _Streams = set[tuple[str, str]]
 """Types and codecs of streams, as `_kind` has them."""
-
-
-def is_recent(container: str, codec: str) -> bool:
-    """Whether programs that are a few years old cannot read a codec in a container.
-
-    Such a codec is used only on request.
-
-    Args:
-        container: FFmpeg's name of the muxer.
-        codec: FFmpeg's name of a decoder or an encoder.
-    """
-    name = canonical(codec)
-    return name in _RECENT.get(container, ()) or (container == "mp4" and name.startswith("pcm_"))
-
-
-def canonical(codec: str) -> str:
-    """FFmpeg's name of the codec of a decoder or an encoder."""
-    for mode in ("r", "w"):
-        with contextlib.suppress(ValueError):
-            return av.Codec(codec, mode).canonical_name
-    return codec
 
 
 @cache
@@ -90,8 +69,8 @@ def holds_video(container: str, encoder: str, pixel_format: str) -> bool:
         encoder: FFmpeg's name of it.
         pixel_format: FFmpeg's name of the encoder's input format.
     """
-    if container == "rtsp":
-        return encoder in _RTSP
+    if container in _UNTRIED:
+        return encoder in _UNTRIED[container]
     if (container, encoder) in _USUAL and pixel_format == "yuv420p":
         return True
     if container in _PROGRAM_STREAMS and encoder not in ("mpeg1video", "mpeg2video"):
@@ -262,7 +241,8 @@ def _named(codec: av.Codec, pixel_format: str) -> tuple[str, str]:
 
 
 def _add_video(out: av.container.OutputContainer, encoder: str, pixel_format: str) -> VideoStream:
-    stream = out.add_stream(encoder, 25, dict(_OPTIONS.get(encoder, {})))
+    usual = encoder_options(encoder, pixel_format, None, interlaced=False)
+    stream = out.add_stream(encoder, 25, dict(_OPTIONS.get(encoder, usual)))
     if not isinstance(stream, VideoStream):
         raise ValueError(f"{encoder} is no video encoder")
     stream.width, stream.height = _SIZES.get(encoder, _SIZE)

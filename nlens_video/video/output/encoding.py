@@ -13,7 +13,6 @@ from av.video.stream import VideoStream
 
 from nlens_video.core.errors import Note, NoteKind, OutputError, UsageError
 from nlens_video.video.info import SourceFrame, SourceInfo
-from nlens_video.video.output.containers import canonical, is_recent
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
@@ -26,6 +25,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     some_format,
     unmarked_fields,
 )
+from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 
 _SAME = (
