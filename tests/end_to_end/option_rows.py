@@ -224,7 +224,7 @@ RUN = {
 STREAM = ("render", "in.png", "anim.glb", "{tmp}/out.mkv", "--preset", "draft", "--fit", "fit.json")
 VIDEO = ("render", "in.mp4", "anim.glb", "{tmp}/out.mp4", "--preset", "draft", "--fit", "fit.json")
 ENCODING = {
-    "codec": option("--codec", "libx265", nonsense=("", "nosuch", "aac", "h265"), codes=(2, 6)),
+    "codec": option("--codec", "libx265", nonsense=("", "nosuch", "aac", "h266"), codes=(2, 6)),
     "crf": option("--crf", "30", nonsense=(*NOT_NUMBERS, "999", "-5"), codes=(2, 6)),
     "pix_fmt": option("--pix-fmt", "yuv444p", nonsense=("", "nosuch", "rgb"), codes=(2, 6)),
     "keep_partial": option("--keep-partial"),
