@@ -153,9 +153,9 @@ class Previews:
             return Answer({**said, "error": "out of memory; give a smaller plate or object"})
         except (Stopped, Superseded):
             raise
-        except Exception as error:  # noqa: BLE001 - a defect: the terminal shows it, pages go on
+        except Exception as error:  # noqa: BLE001 - else the page waits forever; the trace is shown
             traceback.print_exc(file=standard_error())
-            with suppress(Exception):
+            with suppress(Exception):  # what is half made may not close either
                 self._stage.forget()
             return Answer({**said, "error": f"unexpected: {type(error).__name__}: {error}"})
         spent_ms = 1e3 * (time.perf_counter() - started)

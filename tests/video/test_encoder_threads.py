@@ -12,7 +12,7 @@ from support import shots
 from nlens_video.video.output.encoder_threads import ordinary_priority
 
 pytestmark = pytest.mark.skipif(
-    not hasattr(os, "sched_setscheduler"), reason="no scheduling policies here"
+    not hasattr(os, "sched_setscheduler"), reason="only Linux says how threads are scheduled"
 )
 
 
