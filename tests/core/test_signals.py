@@ -50,7 +50,7 @@ try:
 except KeyboardInterrupt:
     print("interrupted")
 """
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="Windows cannot delay a signal")
+pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no SIGALRM on Windows")
 
 
 def told(code):
