@@ -142,7 +142,7 @@ class Shutter:
         return self.angle_deg / 360.0 * self.frame_s
 
     def shortened(self, open_s: float) -> Shutter:
-        """One that is open no longer than so [s]."""
+        """The same, but open for at most a time [s]."""
         return replace(self, angle_deg=360.0 * min(self.open_s, open_s) / self.frame_s)
 
     def edges(self, time_s: float) -> tuple[float, float, float]:

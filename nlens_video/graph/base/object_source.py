@@ -78,7 +78,7 @@ class ObjectSource(ABC):
     def places(self, time_s: float) -> Float64 | None:
         """Columns, rows [px] and depths [scene unit] (V, 3) of the vertices; None if unknown.
 
-        Of those behind the camera they are NaN.
+        NaN for vertices behind the camera.
         """
         return None
 
@@ -87,6 +87,10 @@ class ObjectSource(ABC):
 
         Where a loop begins anew or a key changes a value at once, nothing crosses the space
         between, and no mean over both sides is a blur.
+
+        Args:
+            shutter: of the plate.
+            time_s: moment of the frame [s].
         """
         return shutter
 

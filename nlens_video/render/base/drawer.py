@@ -17,8 +17,8 @@ from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.screen_projection import extent
 
-# Nearest depth that is drawn, as a share of the farthest: by a float32 depth buffer surfaces there
-# are then told apart by 1 %, 1 per mille, 1e-4 of the far depth.
+# Nearest depth that is drawn, as a share of the farthest. Of surfaces at the farthest depth, a
+# float32 depth buffer tells those apart that differ by about 1e-7 / share of it.
 _LEAST_SHARE = 1e-5  # where all is before the camera
 _LEAST_THROUGH_SHARE, _MOST_THROUGH_SHARE = 1e-4, 1e-3  # where something reaches behind it
 _ALL = 2.0  # window depth beyond everything
@@ -79,7 +79,7 @@ def _near_through(posed: PosedScene, camera: Camera, far: float) -> float:
     vertex before the camera is drawn, unless it is much nearer than all others.
     """
     depth = -camera.to_camera(posed.vertices().astype(np.float64))[:, 2]
-    nearest = float(depth[depth > 0.0].min()) * (1.0 - 1e-4)
+    nearest = float(depth[depth > 0.0].min(initial=far)) * (1.0 - 1e-4)
     return min(max(nearest, _LEAST_THROUGH_SHARE * far), _MOST_THROUGH_SHARE * far)
 
 
