@@ -12,6 +12,7 @@ from av.video.stream import VideoStream
 from nlens_video.video.info import CopiedStream, Packet, SourceInfo
 from nlens_video.video.output.audio import AudioEncoder, SubtitleEncoder
 from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream
+from nlens_video.video.output.languages import set_languages
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 _OF_THE_OLD_PICTURES = (
@@ -44,7 +45,7 @@ class CarriedStreams:
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
         self._covers: list[tuple[Stream, bytes]] = []
         added = [self._add(stream) for stream in info.copied]
-        self.notes = tuple(note for note in added if note)
+        self.notes = (*(note for note in added if note), *set_languages(container))
         if _has_timecode(info) and self._name not in _TIMECODE:
             self.notes += (f"the timecode is left out: {self._name} has no place for it",)
         for key, value in info.metadata.items():

@@ -10,9 +10,10 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from random import Random
+from typing import TypeVar
 
 import av
 import av.container
@@ -56,8 +57,7 @@ _USUAL = frozenset(product(("mp4", "mov", "matroska"), ("libx264", "libx265", "a
 """Muxers that hold what encoders make, known without a trial, which takes 30 ms of a start."""
 _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experimental
-_Streams = set[tuple[str, str]]
-"""Types and codecs of streams, as `_kind` has them."""
+_Seen = TypeVar("_Seen")
 
 
 @cache
@@ -95,28 +95,43 @@ def holds_audio(container: str, encoder: str) -> bool:
     """
     if (container, encoder) in _USUAL:
         return True
+    return _is_found_again(container, encoder, partial(_write_sound, encoder=encoder))
+
+
+def read_language(container: str, encoder: str, language: str) -> str:
+    """The language that FFmpeg reads of sound that was written with one; empty for none.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+        encoder: one that it holds.
+        language: as the sound's tag has it.
+    """
+    write = partial(_write_sound, encoder=encoder, language=language)
+    return max(_trial(container, write, lambda one: one.metadata.get("language", "")), default="")
+
+
+def _write_sound(out: av.container.OutputContainer, encoder: str, language: str = "") -> None:
+    """Silence, beside pictures where the container requires them."""
     rates = av.Codec(encoder, "w").audio_rates or (48000,)
     rate = 48000 if 48000 in rates else rates[0]
-
-    def write(out: av.container.OutputContainer) -> None:
-        pictures = _add_needed_video(out)
-        stream = out.add_stream(encoder, rate, layout="mono" if "amr" in encoder else "stereo")
-        if not isinstance(stream, AudioStream):
-            raise ValueError(f"{encoder} is no audio encoder")
-        context = stream.codec_context
-        context.open()
-        _write_video(out, pictures)
-        size = context.frame_size or _BLOCK
-        for index in range(12):
-            block = av.AudioFrame(context.format.name, context.layout.name, size)
-            for plane in block.planes:
-                plane.update(bytes(plane.buffer_size))
-            block.sample_rate, block.time_base = rate, Fraction(1, rate)
-            block.pts = index * size
-            out.mux(stream.encode(block))
-        out.mux(stream.encode(None))
-
-    return _is_found_again(container, encoder, write)
+    pictures = _add_needed_video(out)
+    stream = out.add_stream(encoder, rate, layout="mono" if "amr" in encoder else "stereo")
+    if not isinstance(stream, AudioStream):
+        raise ValueError(f"{encoder} is no audio encoder")
+    if language:
+        stream.metadata["language"] = language
+    context = stream.codec_context
+    context.open()
+    _write_video(out, pictures)
+    size = context.frame_size or _BLOCK
+    for index in range(12):
+        block = av.AudioFrame(context.format.name, context.layout.name, size)
+        for plane in block.planes:
+            plane.update(bytes(plane.buffer_size))
+        block.sample_rate, block.time_base = rate, Fraction(1, rate)
+        block.pts = index * size
+        out.mux(stream.encode(block))
+    out.mux(stream.encode(None))
 
 
 def holds_stream(container: str, stream: CopiedStream) -> bool:
@@ -150,7 +165,7 @@ def holds_stream(container: str, stream: CopiedStream) -> bool:
             packet.time_base, packet.stream = Fraction(1, 25), copy
             out.mux(packet)
 
-    return _kind(stream.stream) in _trial(container, write)
+    return _kind(stream.stream) in _trial(container, write, _kind)
 
 
 def copy_of(container: av.container.OutputContainer, template: Stream) -> Stream:
@@ -205,18 +220,21 @@ def _is_found_again(
     if av.ContainerFormat(container, "w").no_file:
         with av.open("nowhere", "w", format=container) as out:
             return encoder in out.supported_codecs
-    return _named(av.Codec(encoder, "w"), pixel_format) in _trial(container, write)
+    return _named(av.Codec(encoder, "w"), pixel_format) in _trial(container, write, _kind)
 
 
-def _trial(container: str, write: Callable[[av.container.OutputContainer], None]) -> _Streams:
-    """The streams that FFmpeg finds in a trial; none where it cannot be written."""
+def _trial(
+    container: str, write: Callable[[av.container.OutputContainer], None],
+    look: Callable[[Stream], _Seen],
+) -> set[_Seen]:  # fmt: skip
+    """What is seen of the streams that FFmpeg finds in a trial; none where it fails."""
     file = io.BytesIO()
     try:
         with ordinary_priority(), av.open(file, "w", format=container) as out:
             write(out)
         file.seek(0)
         with av.open(file, "r") as found:
-            return {_kind(stream) for stream in found.streams}
+            return {look(stream) for stream in found.streams}
     except (av.FFmpegError, ValueError, OSError):
         return set()
 
