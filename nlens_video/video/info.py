@@ -14,6 +14,7 @@ from av.stream import Disposition, Stream
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Picture
+from nlens_video.video.hdr_metadata import HdrMetadata
 
 Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]
@@ -73,7 +74,7 @@ class SourceInfo:
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
         bit_rate: of the video stream, None where unknown [bit/s].
         interlaced: whether the first frame consists of two fields.
-        hdr_metadata: whether the first frame has mastering or light level metadata.
+        hdr: HDR metadata of the first frame.
         copied: the other streams, which are carried over.
         metadata: of the container.
         stream_metadata: of the video stream, such as language and timecode.
@@ -103,7 +104,7 @@ class SourceInfo:
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
-    hdr_metadata: bool = False
+    hdr: HdrMetadata = field(default_factory=HdrMetadata)
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     stream_metadata: dict[str, str] = field(default_factory=dict)

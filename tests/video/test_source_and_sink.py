@@ -163,24 +163,6 @@ def test_gap_of_more_than_a_minute_between_frames_is_kept(tmp_path, extension, c
         assert any(one.pts != one.dts for one in result.demux(video=0) if one.dts is not None)
 
 
-MASTERED = (
-    "log-level=error:hdr10=1:repeat-headers=1:max-cll=1000,400:master-display="
-    "G(13250,34500)B(7500,3000)R(34000,16000)WP(15635,16450)L(10000000,1)"
-)
-
-
-@pytest.mark.parametrize("name", ["out.mp4", "out_%04d.png"])
-@pytest.mark.parametrize("mastered", [False, True])
-def test_loss_of_hdr_mastering_metadata_is_noted(tmp_path, name, mastered):
-    parameters = MASTERED if mastered else "log-level=error"
-    clip = write_clip(
-        tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p10le", seed) for seed in range(4)],
-        codec="libx265", options={"x265-params": parameters},
-    )  # fmt: skip
-    notes = copy(clip, tmp_path / name)
-    assert ("HDR mastering metadata is not carried over" in notes) == mastered
-
-
 @pytest.mark.parametrize("deep", [False, True])
 def test_png_still_is_kept_bit_for_bit_in_its_bit_depth(tmp_path, deep):
     rng = np.random.default_rng(0)

@@ -7,10 +7,10 @@ from fractions import Fraction
 import av
 import av.container
 import av.video.stream
-from av.sidedata.sidedata import Type as SideDataType
 from av.stream import Discard, Stream
 
 from nlens_video.core.errors import Note, NoteKind
+from nlens_video.video.hdr_metadata import hdr_metadata
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.pixels.picture import AvPicture
@@ -18,10 +18,6 @@ from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
 _RATE_TOLERANCE = Fraction(1, 1000)
-_HDR_METADATA = (
-    SideDataType.MASTERING_DISPLAY_METADATA, SideDataType.CONTENT_LIGHT_LEVEL,
-    SideDataType.DYNAMIC_HDR_PLUS, SideDataType.DOVI_METADATA,
-)  # fmt: skip
 
 
 def describe(
@@ -65,7 +61,7 @@ def describe(
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame,
-        hdr_metadata=_has_hdr_metadata(first),
+        hdr=hdr_metadata(first),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
@@ -104,14 +100,6 @@ def _is_steady(stream: av.video.stream.VideoStream) -> bool:
     if not average or not base:
         return False
     return abs(average / base - 1) < _RATE_TOLERANCE
-
-
-def _has_hdr_metadata(frame: av.VideoFrame) -> bool:
-    """Whether a frame has mastering or light level metadata."""
-    try:
-        return any(one in frame.side_data for one in _HDR_METADATA)
-    except ValueError:
-        return False  # PyAV has no name for other side data, such as EXIF
 
 
 def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:

@@ -11,7 +11,7 @@ import av
 from av.video.codeccontext import VideoCodecContext
 from av.video.stream import VideoStream
 
-from nlens_video.core.errors import Note, NoteKind, OutputError, UsageError
+from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import (  # fmt: skip
@@ -25,6 +25,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     some_format,
     unmarked_fields,
 )
+from nlens_video.video.output.hdr_parameters import with_hdr
 from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 
@@ -112,18 +113,15 @@ def choose_encoding(
             f"{container} does not hold {name} in {chosen or wanted}; "
             "give another OUT, --codec or --pix-fmt"
         )
-    # encoders ignore this side data of frames
-    reasons: list[str] = []
-    if info.hdr_metadata:
-        reasons.append(Note("HDR mastering metadata is not carried over", NoteKind.STREAM_LEFT_OUT))
-    reasons += [why] if why else []
+    options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
+    options, lost_hdr = with_hdr(options, name, info.hdr)
+    reasons = [*lost_hdr, *([why] if why else [])]
     if chosen != wanted:
         lost = "; alpha is left out" if _has_alpha(wanted) and not _has_alpha(chosen) else ""
         reasons.append(
             f"pixel format {chosen} instead of {wanted}: nearest that {name} takes{lost}"
         )
     reasons += unmarked_fields(name, interlaced=info.interlaced)
-    options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
     return Encoding(codec=name, pixel_format=chosen, options=options, reasons=tuple(reasons))
