@@ -150,3 +150,25 @@ def test_picture_of_phone_footage_is_upright(tmp_path):
     )  # fmt: skip
     copy(clip, tmp_path / "p_%d.tga")
     assert read(tmp_path / "p_0.tga", "rgb24").shape == (64, 48, 3)
+
+
+@pytest.mark.parametrize(
+    ("plate", "name", "lost"),
+    [
+        ("yuv420p", "p_%d.png", None), ("yuv420p", "p_%d.jpg", None), ("nv12", "p_%d.dpx", None),
+        ("yuv420p10le", "p_%d.png", None), ("yuv422p", "p_%d.tif", None), ("gray", "out.mp4", None),
+        ("yuv420p10le", "p_%d.jpg", "8 bits for 10"),
+        ("yuva444p10le", "p_%d.jpg", "8 bits for 10; alpha is left out"),
+        ("yuv444p", "out.webm", None), ("yuv420p", "out.mov", None),
+        ("rgb24", "out.mp4", "chroma in 4:2:0"),
+        ("rgba64le", "out.mp4", "chroma in 4:2:0; 10 bits for 16; "
+         "alpha is left out"),
+        ("yuv422p", "out.avi", "chroma in 4:2:0"), ("gbrpf32le", "p_%d.png", "16 bits for float"),
+    ],
+)  # fmt: skip
+def test_pixel_format_is_noted_where_pictures_lose_by_it(tmp_path, plate, name, lost):
+    clip = write_clip(tmp_path / "in.nut", [smooth_frame(plate)], codec="rawvideo")
+    codecs = {".mp4": "libx264", ".webm": "libvpx-vp9", ".mov": "qtrle", ".avi": "mpeg4"}
+    notes = copy(clip, tmp_path / name, codec=codecs.get(name[name.index(".") :]))
+    told = [note.partition("; ")[2] for note in notes if "pixel format" in note]
+    assert told == ([] if lost is None else [lost])

@@ -41,6 +41,10 @@ _FIELDS = ("libx264", "mpeg2video", "mpeg4", "prores_ks")
 """Encoders that code fields when they are told to."""
 _MARKING = (*_FIELDS, "ffv1", "dvvideo")
 """Encoders whose pictures say that they consist of two fields."""
+_PLAYABLE = ("libx264", "libx265", "libvpx-vp9", "libvpx")
+"""Encoders whose 4:2:0 is played everywhere, and whose 4:4:4 few players show."""
+_SAMPLINGS = {(2, 1): "4:2:2", (2, 2): "4:2:0", (4, 1): "4:1:1", (1, 2): "4:4:0", (4, 4): "4:1:0"}
+"""Names of chroma subsampling, by the pixels of a sample along a row and a column."""
 _HIGHEST_CRF = {"libx264": 51, "libx264rgb": 51, "libx265": 51}
 """Of encoders whose options do not state it [1]."""
 
@@ -168,9 +172,8 @@ def unmarked_fields(encoder: str, *, interlaced: bool) -> tuple[str, ...]:
 def nearest_format(wanted: str, formats: list[str], codec: str) -> str:
     """The format that loses least; of several that lose nothing, the smallest."""
     goal = layout(wanted)
-    # for RGB x264 and similar encoders would get 4:4:4, which few players show
-    playable = codec in ("libx264", "libx265", "libvpx-vp9", "libvpx")
-    if goal is None or (goal.family != "yuv" and playable):
+    # for RGB they would get 4:4:4
+    if goal is None or (goal.family != "yuv" and codec in _PLAYABLE):
         if goal is not None and goal.alpha and "yuva420p" in formats:
             return "yuva420p"
         deep = goal is not None and goal.bits != 8
@@ -179,12 +182,43 @@ def nearest_format(wanted: str, formats: list[str], codec: str) -> str:
     return min(formats, key=lambda name: _loss(goal, name))
 
 
+def what_is_lost(wanted: str, chosen: str, codec: str) -> tuple[str, ...]:
+    """What pictures lose by another pixel format: colour, fine colour, bits, alpha, players.
+
+    Not told is what nobody sees: samples that are rounded between YUV and RGB of as many bits.
+
+    Args:
+        wanted: the working format of the source.
+        chosen: the encoder's input format.
+        codec: FFmpeg's name of the encoder.
+    """
+    goal, kind = layout(wanted), _known_layout(chosen)
+    if goal is None or kind is None:
+        return ()
+    lost = []
+    if goal.family != "gray" and kind.family == "gray":
+        lost.append("colour is left out")
+    elif goal.family != "gray" and kind.step_x * kind.step_y > goal.step_x * goal.step_y:
+        lost.append(f"chroma in {_SAMPLINGS[kind.step_x, kind.step_y]}")
+    elif kind.step_x * kind.step_y < goal.step_x * goal.step_y and codec in _PLAYABLE:
+        lost.append("few players show it")
+    if kind.bits and (kind.bits < goal.bits or not goal.bits):
+        lost.append(f"{kind.bits} bits for {goal.bits or 'float'}")
+    if goal.alpha and not kind.alpha:
+        lost.append("alpha is left out")
+    return tuple(lost)
+
+
+def _known_layout(name: str) -> PixelLayout | None:
+    try:
+        return layout(working_format(name))
+    except InputError:
+        return None
+
+
 def _loss(goal: PixelLayout, name: str) -> tuple[int, int, int, int, int, int]:
     """Loss of a format, by importance: colour, alpha, family, subsampling, bits, then waste."""
-    try:
-        kind = layout(working_format(name))
-    except InputError:
-        kind = None
+    kind = _known_layout(name)
     if kind is None:
         return (9, 0, 0, 0, 0, 0)
     colour = int(goal.family != "gray" and kind.family == "gray")

@@ -24,6 +24,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     pixel_formats,
     some_format,
     unmarked_fields,
+    what_is_lost,
 )
 from nlens_video.video.output.hdr_parameters import with_hdr
 from nlens_video.video.output.recent_codecs import canonical, is_recent
@@ -116,11 +117,9 @@ def choose_encoding(
     options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
     options, lost_hdr = with_hdr(options, name, info.hdr)
     reasons = [*lost_hdr, *([why] if why else [])]
-    if chosen != wanted:
-        lost = "; alpha is left out" if _has_alpha(wanted) and not _has_alpha(chosen) else ""
-        reasons.append(
-            f"pixel format {chosen} instead of {wanted}: nearest that {name} takes{lost}"
-        )
+    if lost := what_is_lost(wanted, chosen, name):
+        told = f"pixel format {chosen} instead of {wanted}: nearest that {name} takes"
+        reasons.append("; ".join((told, *lost)))
     reasons += unmarked_fields(name, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
