@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.errors import InputError, OutputError, UsageError
@@ -19,6 +21,7 @@ from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
 from nlens_video.video.pixels.picture import ArrayPicture
 
+Float16: TypeAlias = "NDArray[np.float16]"
 FAR = 1e9
 """Depths from here on are background; renderers write about 1e10 [scene unit]."""
 MOST_UNREADABLE = 8
@@ -35,12 +38,14 @@ class ExrImage:
         box: the data window relative to the display window's corner.
         width: columns of the display window [px].
         height: rows of the display window [px].
+        half: names of the channels that are stored as half float.
     """
 
     channels: dict[str, Float32]
     box: Box
     width: int
     height: int
+    half: frozenset[str] = frozenset()
 
     def on_display_window(self, values: Float32, beyond: float = 0.0) -> Float32:
         """Values (h, w) or (h, w, n) of the data window, padded and cropped to the display window.
@@ -85,9 +90,9 @@ def read_exr(path: Path) -> ExrImage:
         if samples.shape != (box.height, box.width):
             raise InputError(f"{path}: channel {name} is subsampled; write it at full resolution")
         channels[name] = np.ascontiguousarray(samples, dtype=np.float32)
-    return ExrImage(
-        channels=channels, box=box, width=int(right - left) + 1, height=int(bottom - top) + 1
-    )
+    half = frozenset(name for name, samples in pixels.items() if samples.dtype == np.float16)
+    width, height = int(right - left) + 1, int(bottom - top) + 1
+    return ExrImage(channels=channels, box=box, width=width, height=height, half=half)
 
 
 def _check_size(path: Path, window: tuple[Any, Any]) -> None:
@@ -162,15 +167,16 @@ class LayerReader:
 
 def write_layers(
     path: Path, channels: Mapping[str, Float32], box: Box | None = None,
-    size: tuple[int, int] | None = None,
+    size: tuple[int, int] | None = None, *, half: bool = False,
 ) -> None:  # fmt: skip
-    """Write channels as 32-bit float OpenEXR, ZIP compressed; the file appears when it is complete.
+    """Write channels as OpenEXR, ZIP compressed; the file appears when it is complete.
 
     Args:
         path: of the file.
         channels: name (`R`, `Z`, `coc.plate`, ...) to samples (h, w), all of one shape.
         box: where they lie in the frame; default: the frame is as large as they are.
         size: width and height of the frame [px].
+        half: as half float, whose largest stands for what is larger; default: float of 32 bits.
 
     Raises:
         OutputError: it cannot be written.
@@ -186,13 +192,21 @@ def write_layers(
         "dataWindow": (np.array([box.x0, box.y0], "i4"), np.array([box.x1 - 1, box.y1 - 1], "i4")),
         "displayWindow": (np.array([0, 0], "i4"), np.array([columns - 1, rows - 1], "i4")),
     }
-    pixels = {name: np.ascontiguousarray(part, np.float32) for name, part in channels.items()}
-    with replacing(path) as partial:
+    stored = _halved if half else partial(np.ascontiguousarray, dtype=np.float32)
+    pixels = {name: stored(part) for name, part in channels.items()}
+    with replacing(path) as unnamed:
         try:
             with OpenEXR.File(header, pixels) as file:
-                file.write(str(partial))
+                file.write(str(unnamed))
         except (RuntimeError, ValueError) as error:
             raise OutputError(f"{path}: cannot be written ({_first_line(error)})") from error
+
+
+def _halved(values: Float32) -> Float16:
+    """Values as half float; finite ones stay finite."""
+    largest = np.finfo(np.float16).max
+    clipped = np.where(np.isfinite(values), np.clip(values, -largest, largest), values)
+    return np.ascontiguousarray(clipped, np.float16)
 
 
 def _first_line(error: Exception) -> str:
@@ -221,11 +235,13 @@ class ExrSource(Source):
         except (ValueError, ZeroDivisionError) as error:
             raise UsageError(f"--input-rate {rate}: expected a number such as 25") from error
         self._ended_early: tuple[str, ...] = ()
-        first = _picture(self._file(0))
+        image = read_exr(self._file(0))
+        first = _picture(image, self._file(0))
         self.info = SourceInfo(
             name=spec, kind="sequence" if self._pattern else "still", width=first.width,
             height=first.height, time_base=1 / fps, average_rate=fps, frame_count=count,
             duration_s=float(count / fps), pixel_format="gbrpf32le", tags=LINEAR, codec="exr",
+            half=image.half.issuperset(_names(image)),
         )  # fmt: skip
 
     def close(self) -> None:
@@ -236,7 +252,7 @@ class ExrSource(Source):
         in_a_row = 0
         for number in range(info.frame_count or 0):
             try:
-                picture = _picture(self._file(number))
+                picture = _picture(read_exr(self._file(number)), self._file(number))
             except InputError:
                 self._damaged += 1
                 in_a_row += 1
@@ -264,16 +280,19 @@ class ExrSource(Source):
         return self._pattern.path(self._start + index) if self._pattern else self._path
 
 
-def _picture(path: Path) -> ArrayPicture:
+def _names(image: ExrImage) -> list[str]:
+    """The channels of a picture: RGB or Y, and alpha beside RGB; none where there is none."""
+    names = [name for name in "RGBA" if name in image.channels]
+    return names if names[:3] == list("RGB") else [name for name in "Y" if name in image.channels]
+
+
+def _picture(image: ExrImage, path: Path) -> ArrayPicture:
     """The RGB, or Y, of a file on its display window; black outside the data window."""
-    image = read_exr(path)
-    names: list[str] = [name for name in ("R", "G", "B", "A") if name in image.channels]
-    if names[:3] != ["R", "G", "B"]:
-        names = ["Y", "Y", "Y"] if "Y" in image.channels else []
+    names = _names(image)
     if not names:
         raise InputError(
             f"{path}: has no R, G, B (found {' '.join(sorted(image.channels))}); expected a picture"
         )
-    pixels = np.stack([image.channels[name] for name in names], axis=2)
-    array = image.on_display_window(pixels)
+    shown = names * 3 if names == ["Y"] else names
+    array = image.on_display_window(np.stack([image.channels[name] for name in shown], axis=2))
     return ArrayPicture(array, "rgb", LINEAR, associated=len(names) == 4)

@@ -68,6 +68,7 @@ class SourceInfo:
         frame_count: estimate, None where unknown [1].
         duration_s: length, None where unknown [s].
         pixel_format: FFmpeg's name of the decoded format; `gbrpf32le` for OpenEXR.
+        half: whether the samples of OpenEXR are half float.
         tags: colour tags, those that are assumed included.
         frame_tags: the same in FFmpeg's numbers, for the output.
         sample_aspect_ratio: width of a stored pixel by its height, None where unknown [1].
@@ -98,6 +99,7 @@ class SourceInfo:
     frame_count: int | None
     duration_s: float | None
     pixel_format: str
+    half: bool = False
     tags: ColorTags
     frame_tags: FrameTags = field(default_factory=FrameTags)
     sample_aspect_ratio: Fraction | None = None

@@ -1,7 +1,9 @@
 """OpenEXR layers, plates and AOVs."""
 
 import numpy as np
+import OpenEXR
 import pytest
+from support.clips import copy
 
 from nlens_video.core.errors import InputError, OutputError
 from nlens_video.core.layers import Box
@@ -124,3 +126,49 @@ def test_exr_output_of_straight_colours_is_premultiplied(tmp_path):
     array = np.full((4, 4, 4), (0.1, 0.2, 0.4, 0.5), np.float32)
     out = picture_channels(ArrayPicture(array, "bgr", LINEAR))
     assert [float(out[name][0, 0]) for name in "RGBA"] == pytest.approx([0.2, 0.1, 0.05, 0.5])
+
+
+def store(path, made):
+    """An OpenEXR file of channels in their own types."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, dict(made)) as file:  # it changes the dictionary
+        file.write(str(path))
+
+
+def half_channels(names="RGB"):
+    return {name: part.astype(np.float16) for name, part in channels().items() if name in names}
+
+
+@pytest.mark.parametrize("names", ["RGB", "RGBA"])
+def test_half_float_stays_half_float_to_the_bit(tmp_path, names):
+    made = [half_channels(names), half_channels(names)]
+    made[1]["G"][2, 3] = np.inf
+    for number, one in enumerate(made):
+        store(tmp_path / f"p_{number}.exr", one)
+    copy(tmp_path / "p_%d.exr", tmp_path / "out_%d.exr")
+    for number, one in enumerate(made):
+        found = read_exr(tmp_path / f"out_{number}.exr")
+        assert found.half == set(names)
+        for name in names:
+            np.testing.assert_array_equal(found.channels[name], one[name].astype(np.float32))
+
+
+@pytest.mark.parametrize("mixed", ["R", "RGB"])
+def test_float_stays_float_where_a_channel_of_the_picture_is(tmp_path, mixed):
+    wide = {name: part for name, part in channels().items() if name in mixed}
+    store(tmp_path / "in.exr", {**half_channels(), **wide})
+    copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    assert read_exr(tmp_path / "out.exr").half == set()
+
+
+def test_depth_beside_half_float_does_not_count(tmp_path):
+    store(tmp_path / "in.exr", {**half_channels(), "Z": channels()["Z"]})
+    copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    assert read_exr(tmp_path / "out.exr").half == set("RGB")
+
+
+def test_light_beyond_half_float_becomes_its_largest(tmp_path):
+    bright = np.array([[70000.0, -70000.0, np.inf, 1.5]], np.float32)
+    write_layers(tmp_path / "a.exr", {"R": bright}, half=True)
+    found = read_exr(tmp_path / "a.exr").channels["R"]
+    np.testing.assert_array_equal(found, [[65504.0, -65504.0, np.inf, 1.5]])

@@ -71,7 +71,7 @@ class StillSink(Sink):
         path = self._name(frame.number)
         target = self._folder / path.name
         if self._codec == "exr":
-            write_layers(target, picture_channels(frame.picture))
+            write_layers(target, picture_channels(frame.picture), half=self._info.half)
         else:
             try:
                 target.write_bytes(self._encode(frame))
