@@ -64,9 +64,11 @@ class SourceInfo:
         average_rate: frames per second, None where unknown [1/s].
         steady: whether the frame rate is constant.
         frame_time: gives the time of the frame of a number [s], or None where the file does not
-            tell it; None for sources that are not begun within.
+            tell it; None for sources that are no files.
         frame_count: estimate, None where unknown [1].
         duration_s: length, None where unknown [s].
+        ends_s: end of a part of a source with subtitles, on its own clock; None where it is open
+            or unknown [s].
         pixel_format: FFmpeg's name of the decoded format; `gbrpf32le` for OpenEXR.
         half: whether the samples of OpenEXR are half float.
         tags: colour tags, those that are assumed included.
@@ -98,6 +100,7 @@ class SourceInfo:
     )
     frame_count: int | None
     duration_s: float | None
+    ends_s: Fraction | None = None
     pixel_format: str
     half: bool = False
     tags: ColorTags
@@ -173,7 +176,7 @@ def upright(info: SourceInfo) -> SourceInfo:
 
 
 def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
-    """Properties of a part of a source: chapters and timecode are shifted.
+    """Properties of a part of a source: its end; chapters and timecode are shifted.
 
     Args:
         info: the whole source.
@@ -187,10 +190,27 @@ def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
     shifted = [_cut(chapter, start_s, end_s) for chapter in info.chapters]
     return replace(
         info,
+        ends_s=_end(info, first, end)
+        if any(one.type == "subtitle" for one in info.copied)
+        else None,
         chapters=tuple(one for one in shifted if one is not None),
         metadata=_advanced(info.metadata, info, first),
         stream_metadata=_advanced(info.stream_metadata, info, first),
     )
+
+
+def _end(info: SourceInfo, first: int, end: int | None) -> Fraction | None:
+    """End of a part on its own clock, which begins with its first frame, or with the source [s]."""
+    if end is None:
+        return None
+    if info.frame_time is not None:
+        start_s = info.frame_time(first) if first else Fraction(0)
+        end_s = info.frame_time(end)
+        if start_s is not None and end_s is not None:
+            return end_s - start_s
+    # when the source's first frame is shown is not known
+    known = bool(first and info.steady and info.average_rate)
+    return (end - first) / (info.average_rate or Fraction(25)) if known else None
 
 
 def _time(info: SourceInfo, number: int) -> Fraction:

@@ -3,14 +3,17 @@
 from fractions import Fraction
 from types import SimpleNamespace
 
+import av
 import pytest
 from support import shots
 from support.programs import made
 
 from nlens_video.run.frame_range import FrameRange
-from nlens_video.video.info import SourceFrame
+from nlens_video.video.exr import LINEAR
+from nlens_video.video.info import CopiedStream, SourceFrame, SourceInfo, part_of
 from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
 
 RATE = 25
 STREAMS = ("video", "audio", "subtitle")
@@ -114,3 +117,78 @@ def test_subtitle_on_screen_is_found_where_the_file_is_read_from_a_later_frame(t
         ]
         assert source._connection is not first
     assert shown == [(0, pytest.approx(0.3, abs=0.002))]
+
+
+def written(plate, out, first, end):
+    """Write a range as a run does."""
+    opened = open_seekable if first else open_source
+    with (
+        opened(str(plate)) as source,
+        open_sink(str(out), part_of(source.info, (first, end))) as sink,
+    ):
+        for item in FrameRange(source, (first, end)).items():
+            (sink.write if isinstance(item, SourceFrame) else sink.write_packet)(item)
+        sink.commit()
+
+
+def shown(path):
+    """When each subtitle is shown, and when the pictures end [s]."""
+    texts, last = [], 0.0
+    with av.open(str(path)) as result:
+        for one in result.demux():
+            begin = float((one.pts or 0) * one.time_base)
+            end = begin + float((one.duration or 0) * one.time_base)
+            if one.stream.type == "subtitle" and one.size > 2:
+                texts.append((begin, end))
+            elif one.stream.type == "video":
+                last = max(last, end)
+    return texts, last
+
+
+@pytest.mark.parametrize("first", [0, 20])
+@pytest.mark.parametrize(("ending", "into"), [("mkv", "mkv"), ("mkv", "mp4"), ("mp4", "mp4")])
+def test_subtitle_on_screen_at_a_range_end_ends_with_the_pictures(tmp_path, first, ending, into):
+    (tmp_path / "said.srt").write_text("1\n00:00:00,900 --> 00:00:01,200\nshort\n\n"
+                                       "2\n00:00:01,400 --> 00:00:09,000\nlong\n")  # fmt: skip
+    film = shots.write_video(tmp_path / "film.mkv", 60, audio=False)
+    codec = "mov_text" if ending == "mp4" else "srt"
+    plate = made("-i", film, "-i", tmp_path / "said.srt", "-c:v", "copy", "-c:s", codec,
+                 tmp_path / f"in.{ending}")  # fmt: skip
+    out = tmp_path / f"out.{into}"
+    written(plate, out, first, 45)
+    texts, last = shown(out)
+    start, end = first / RATE, (45 - first) / RATE
+    near = pytest.approx
+    assert last == near(end, abs=0.002)
+    assert texts == [
+        (near(0.9 - start, abs=0.002), near(1.2 - start, abs=0.002)),
+        (near(1.4 - start, abs=0.002), near(end, abs=0.002)),
+    ]
+
+
+def test_subtitle_of_a_range_without_an_end_lasts_as_long_as_it_did(tmp_path):
+    (tmp_path / "said.srt").write_text("1\n00:00:01,400 --> 00:00:09,000\nlong\n")
+    film = shots.write_video(tmp_path / "film.mkv", 60, audio=False)
+    plate = made("-i", film, "-i", tmp_path / "said.srt", "-c:v", "copy", tmp_path / "in.mkv")
+    written(plate, tmp_path / "out.mkv", 25, None)
+    texts, _ = shown(tmp_path / "out.mkv")
+    assert texts == [(pytest.approx(0.4, abs=0.002), pytest.approx(8.0, abs=0.002))]
+
+
+@pytest.mark.parametrize(
+    ("first", "steady", "times", "ends"),
+    [
+        (10, True, None, Fraction(20, 25)), (0, True, None, None), (10, False, None, None),
+        (10, False, {10: Fraction(1), 30: Fraction(4)}, 3),
+        (0, False, {30: Fraction(4)}, 4), (10, True, {10: Fraction(1)}, Fraction(20, 25)),
+    ],
+)  # fmt: skip
+def test_end_of_a_part_is_that_of_its_frames_or_unknown(first, steady, times, ends):
+    info = SourceInfo(
+        name="-", kind="stream", width=8, height=8, time_base=Fraction(1, 25),
+        average_rate=Fraction(25), frame_count=None, duration_s=None, pixel_format="gray",
+        tags=LINEAR, codec="ffv1", steady=steady, frame_time=times and times.get,
+        copied=(CopiedStream(index=1, type="subtitle", codec="srt", stream=None),),
+    )  # fmt: skip
+    assert part_of(info, (first, 30)).ends_s == ends
+    assert part_of(info, (first or 1, None)).ends_s is None

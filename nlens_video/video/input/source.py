@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
 
 import av
 import av.container
@@ -19,6 +21,7 @@ from nlens_video.video.input.open import (
     open_container,
     video_stream,
 )
+from nlens_video.video.input.packet_index import frame_time
 from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
 from nlens_video.video.input.repair import Completeness, Conform, SourceClock
@@ -112,10 +115,13 @@ class AvSource(Source):
                 codec = stream.codec.name
                 raise InputError(explain_undecodable(spec, self._container, codec, *declared))
             self._first = first
-            self.info = describe(
+            info = describe(
                 spec, kind, self._container, stream, first, self._copied, hints.transfer,
                 self._covers,
             )  # fmt: skip
+            # files whose rate varies may state a constant one
+            known = partial(frame_time, spec, hints, info.time_base) if self._is_file else None
+            self.info = replace(info, frame_time=known)
             self._clock = SourceClock(self.info)
             self._conform = Conform(first)
         except BaseException:

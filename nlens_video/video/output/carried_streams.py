@@ -40,6 +40,7 @@ class CarriedStreams:
 
     def __init__(self, container: av.container.OutputContainer, info: SourceInfo) -> None:
         self.left_out = 0
+        self._ends_s = info.ends_s
         self._container = container
         self._name = container.format.name
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
@@ -73,6 +74,8 @@ class CarriedStreams:
             av.FFmpegError: the disk is full, or the container refuses it.
         """
         target = self._targets.get(packet.stream.index)
+        if self._ends_s is not None and packet.stream.type == "subtitle":
+            _end_by(packet, self._ends_s)
         try:
             if isinstance(target, (AudioEncoder, SubtitleEncoder)):
                 self._container.mux(target.encode(packet))
@@ -117,6 +120,13 @@ class CarriedStreams:
         else:
             return f"{label} is left out: {self._name} has no place for it"
         return ""
+
+
+def _end_by(packet: Packet, end_s: Fraction) -> None:
+    """Let a packet end no later than at a time [s]."""
+    begun = packet.pts if packet.pts is not None else packet.dts
+    if begun is not None and packet.time_base and packet.duration:
+        packet.duration = min(packet.duration, max(0, round(end_s / packet.time_base) - begun))
 
 
 def holds_rotation(container: str) -> bool:

@@ -1,0 +1,143 @@
+"""Times and random access points of a file's frames, by its packets; nothing is decoded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import accumulate
+from typing import TypeAlias
+
+import av
+from av.video.stream import VideoStream
+
+from nlens_video.core.errors import InputError
+from nlens_video.video.input.open import InputHints, open_container, video_stream
+
+_ONE_FRAME_A_PACKET = frozenset((
+    "h264", "hevc", "vp9", "av1", "mpeg1video", "mpeg2video", "mpeg4", "prores", "dnxhd", "mjpeg",
+    "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "rawvideo", "png", "qtrle", "cfhd",
+    "jpeg2000",
+))  # fmt: skip
+"""Codecs whose key frames reset the decoder; not VP8, some of whose packets show no frame."""
+_REORDERED = 64
+"""Generous limit of the reordering delay: packets from decoding to display order [1]."""
+Packet: TypeAlias = "av.Packet[VideoStream]"
+_IDR, _SLICES = 5, range(1, 6)
+"""H.264 NAL unit types: IDR slice, slices of any kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class PacketIndex:
+    """Frame times and random access points of a file.
+
+    Attributes:
+        pts: of the frames in display order [ticks].
+        starts: numbers of the frames from which all later ones can be decoded, ascending [1].
+    """
+
+    pts: tuple[int, ...]
+    starts: tuple[int, ...]
+
+    def start_before(self, number: int, ticks: int = 0) -> int:
+        """Last but one random access point before a frame: frames in between confirm the index.
+
+        Args:
+            number: of the frame.
+            ticks: least distance, for packets of other streams [ticks].
+        """
+        limit = self.pts[number] - ticks
+        early = [at for at in self.starts if at <= number and self.pts[at] <= limit]
+        return early[-2] if len(early) > 1 else 0
+
+
+def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None:
+    """Read the packets up to a frame.
+
+    Args:
+        spec: a file.
+        hints: the user's options.
+        number: of the frame.
+
+    Returns:
+        None where packets are ambiguous (without times, damaged, to be discarded, of a codec that
+        does not store one frame a packet) or where there are fewer.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    container, _ = open_container(spec, hints)
+    with container:
+        stream = video_stream(container, spec)
+        if stream.codec.name not in _ONE_FRAME_A_PACKET:
+            return None
+        times: list[int] = []
+        keys: list[int] = []
+        try:
+            for packet in container.demux(stream):
+                if not packet.size:
+                    break
+                if packet.pts is None or packet.is_corrupt or packet.is_discard:
+                    return None
+                if packet.is_keyframe and _is_start(packet, stream):
+                    keys.append(len(times))
+                times.append(packet.pts)
+                if len(times) > number + _REORDERED:
+                    break
+        except av.FFmpegError as error:
+            raise InputError(f"{spec}: cannot be read ({error.strerror})") from error
+    return _checked(times, keys, number)
+
+
+def frame_time(spec: str, hints: InputHints, time_base: Fraction, number: int) -> Fraction | None:
+    """Time of a frame by the packets up to it [s]; None where these do not tell it.
+
+    Args:
+        spec: a file.
+        hints: the user's options.
+        time_base: of the file's video stream [s].
+        number: of the frame.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    index = index_until(spec, hints, number)
+    return None if index is None else index.pts[number] * time_base
+
+
+def _checked(times: list[int], keys: list[int], number: int) -> PacketIndex | None:
+    """The index; key frames count that no later packet precedes in display order."""
+    if len(set(times)) < len(times) or len(times) <= number or keys[:1] != [0]:
+        return None
+    latest = list(accumulate(times, max))
+    earliest = list(accumulate(reversed(times), min))[::-1]
+    starts = tuple(
+        at for at in keys if times[at] == earliest[at] and (at == 0 or latest[at - 1] < times[at])
+    )
+    return PacketIndex(tuple(sorted(times)), starts)
+
+
+def _is_start(packet: Packet, stream: VideoStream) -> bool:
+    """Whether no later frame refers to one before a key frame.
+
+    H.264 also flags recovery points of gradual decoder refresh as key frames; these do not count.
+    """
+    if stream.codec.name != "h264":
+        return True
+    return _first_slice(bytes(packet), stream.codec_context.extradata or b"") == _IDR
+
+
+def _first_slice(data: bytes, extradata: bytes) -> int:
+    """Type of the first H.264 NAL unit that is a slice, 0 without one."""
+    if extradata[:1] != b"\x01":  # start codes
+        at = data.find(b"\x00\x00\x01")
+        while 0 <= at < len(data) - 3:
+            if data[at + 3] & 31 in _SLICES:
+                return data[at + 3] & 31
+            at = data.find(b"\x00\x00\x01", at + 3)
+        return 0
+    at, width = 0, (extradata[4] & 3) + 1
+    while at + width < len(data):
+        if data[at + width] & 31 in _SLICES:
+            return data[at + width] & 31
+        at += width + int.from_bytes(data[at : at + width], "big")
+    return 0
