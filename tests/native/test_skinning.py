@@ -23,17 +23,33 @@ def carried(module, given):
 
 
 def test_each_vertex_goes_by_the_mean_of_its_joints_matrices():
-    positions, directions, joints, weights, matrices = skinned(0)
+    positions, normals, joints, weights, matrices = skinned(0)
     chosen = matrices[np.where(weights > 0.0, joints, 0)].astype(np.float64)
     blended = (weights[..., None] * chosen).sum(axis=1).reshape(-1, 3, 4)
-    placed, turned = carried(kernels, (positions, directions, joints, weights, matrices))
+    placed, turned = carried(kernels, (positions, normals, joints, weights, matrices))
     expected = np.einsum("vij,vj->vi", blended[..., :3], positions) + blended[..., 3]
     np.testing.assert_allclose(placed, expected, rtol=1e-5, atol=1e-5)
-    expected = np.einsum("vij,vj->vi", blended[..., :3], directions)
+    rows = blended[..., :3]
+    cofactors = np.cross(rows[:, [1, 2, 0]], rows[:, [2, 0, 1]])
+    sides = np.where(np.linalg.det(rows) < 0.0, -1.0, 1.0)
+    expected = np.einsum("v,vij,vj->vi", sides, cofactors, normals)
     lengths = np.linalg.norm(expected, axis=1, keepdims=True)
     up = np.tile([0.0, 1.0, 0.0], (len(expected), 1))  # what no joint carries
     expected = np.divide(expected, lengths, out=up, where=lengths > 0.0)
     np.testing.assert_allclose(turned, expected, rtol=1e-5, atol=1e-5)
+
+
+def test_normals_stay_upright_on_their_surface_under_uneven_and_mirrored_scales():
+    corners = np.array([[0, 0, 0], [1, 0, 1], [0, 1, 0]], np.float32)  # across and down a slope
+    slope = np.tile(np.cross(*(corners[1:] - corners[0])), (3, 1)).astype(np.float32)
+    joints, weights = np.zeros((3, 1), np.int32), np.ones((3, 1), np.float32)
+    for scales in ([4.0, 1.0, 0.25], [-4.0, 1.0, 0.25], [1.0, 1.0, 0.0]):
+        matrix = np.zeros((1, 12), np.float32)
+        matrix[0, [0, 5, 10]] = scales
+        placed, turned = carried(kernels, (corners, slope, joints, weights, matrix))
+        np.testing.assert_allclose((placed[1:] - placed[0]) @ turned[0], 0.0, atol=1e-6)
+        outwards = slope[0] @ np.diag(scales)
+        assert turned[0] @ outwards > 0.0 or scales[2] == 0.0
 
 
 def test_skinning_is_the_same_at_every_level():

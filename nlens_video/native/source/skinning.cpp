@@ -7,9 +7,8 @@
 namespace nlens {
 namespace {
 
-// Scales a vector to length 1, +Y where it has none, as `meshes.unit` does.
-void normalise(float* vector) {
-    const double x = vector[0], y = vector[1], z = vector[2];
+// A vector of length 1 along x, y, z, +Y where they have none, as `meshes.unit` does.
+void normalise(double x, double y, double z, float* vector) {
     const double length = std::sqrt(x * x + y * y + z * z);
     const double scale = 1.0 / (length == 0.0 ? 1.0 : length);
     vector[0] = static_cast<float>(x * scale);
@@ -17,29 +16,44 @@ void normalise(float* vector) {
     vector[2] = static_cast<float>(z * scale);
 }
 
+// Turns a normal by rows of 3 x 4 as a surface turns: by the cofactor of their linear part, which
+// is right under uneven scales too. It points out of a mirrored surface, as `posed._cofactor` has it.
+void turn(const double* m, const float* normal, float* turned) {
+    double along[3];
+    double determinant = 0.0;
+    for (int row = 0; row < 3; ++row) {
+        const double *next = m + 4 * ((row + 1) % 3), *last = m + 4 * ((row + 2) % 3);
+        const double x = next[1] * last[2] - next[2] * last[1];
+        const double y = next[2] * last[0] - next[0] * last[2];
+        const double z = next[0] * last[1] - next[1] * last[0];
+        along[row] = x * normal[0] + y * normal[1] + z * normal[2];
+        if (row == 0) determinant = m[0] * x + m[1] * y + m[2] * z;
+    }
+    const double side = determinant < 0.0 ? -1.0 : 1.0;
+    normalise(side * along[0], side * along[1], side * along[2], turned);
+}
+
 // Each vertex by the mean of its joints' matrices.
 //
 // `joints` and `weights` (V, K) say which carry it, `matrices` (J, 12) are rows of 3 x 4;
-// `placed` gets the positions, `turned` the directions (V, 3) without the matrices' last column, of
-// length 1.
-void skin(Array<const float, 2> positions, Array<const float, 2> directions,
-          Array<const std::int32_t, 2> joints, Array<const float, 2> weights, Array<const float, 2> matrices,
-          Array<float, 2> placed, Array<float, 2> turned) {
+// `placed` gets the positions, `turned` the normals (V, 3), of length 1.
+void skin(Array<const float, 2> positions, Array<const float, 2> normals, Array<const std::int32_t, 2> joints,
+          Array<const float, 2> weights, Array<const float, 2> matrices, Array<float, 2> placed,
+          Array<float, 2> turned) {
     for (int v = 0; v < positions.shape[0]; ++v) {
-        float blended[12] = {};
+        double blended[12] = {};
         for (int k = 0; k < joints.shape[1]; ++k) {
-            const float weight = weights(v, k);
-            if (weight == 0.0f) continue;  // such a joint may point anywhere
+            const double weight = weights(v, k);
+            if (weight == 0.0) continue;  // such a joint may point anywhere
             const float* matrix = matrices.at(joints(v, k));
             for (int i = 0; i < 12; ++i) blended[i] += weight * matrix[i];
         }
-        const float *p = positions.at(v), *d = directions.at(v);
+        const float* p = positions.at(v);
         for (int row = 0; row < 3; ++row) {
-            const float* m = blended + 4 * row;
-            placed(v, row) = m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3];
-            turned(v, row) = m[0] * d[0] + m[1] * d[1] + m[2] * d[2];
+            const double* m = blended + 4 * row;
+            placed(v, row) = static_cast<float>(m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]);
         }
-        normalise(turned.at(v));
+        turn(blended, normals.at(v), turned.at(v));
     }
 }
 

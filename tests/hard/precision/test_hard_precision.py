@@ -213,7 +213,10 @@ def _skin(rng):
     placed, turned = np.empty((2, 40, 3), np.float32)
     kernels.skin(positions, positions, joints, weights, matrices, placed, turned)
     exact = np.einsum("vk,vkij->vij", weights, matrices[joints].reshape(40, 2, 3, 4).astype(float))
-    ways = np.einsum("vij,vj->vi", exact[..., :3], positions)
+    rows = exact[..., :3]
+    cofactors = np.cross(rows[:, [1, 2, 0]], rows[:, [2, 0, 1]])
+    ways = np.einsum("vij,vj->vi", cofactors, positions)
+    ways *= np.sign(np.linalg.det(rows))[:, None]
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     exact = np.einsum("vij,vj->vi", exact, np.hstack([positions, np.ones((40, 1))]))
     return max(np.abs(placed - exact).max(), np.abs(turned - ways).max())
