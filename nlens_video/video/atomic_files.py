@@ -11,15 +11,12 @@ import os
 import platform
 import re
 import shutil
-import signal
 import stat
 import sys
-import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from nlens_video.core import signals
 from nlens_video.core.errors import OutputError
 
 
@@ -160,67 +157,22 @@ def publish(partial: Path, path: Path) -> None:
     Raises:
         OutputError: the disk is full or the folder has disappeared.
     """
-    with _writing(path):
-        _bring_to_disk(partial)
-        _rename(partial, path)
-
-
-def publish_all(files: Sequence[tuple[Path, Path]], name: str) -> None:
-    """Flush finished files to the disk, then rename all of them, whatever interrupts.
-
-    Args:
-        files: temporary and final name of each.
-        name: of all together, for the note.
-
-    Raises:
-        OutputError: the disk is full or the folder has disappeared.
-        KeyboardInterrupt: a signal came; with a note if all files have their names already.
-    """
-    for partial, path in files:
-        with _writing(path):
-            _bring_to_disk(partial)
-    renamed = 0
-    try:
-        with _uninterrupted():
-            for partial, path in files:
-                with _writing(path):
-                    _rename(partial, path)
-                renamed += 1
-    except KeyboardInterrupt as interrupt:
-        if files and renamed == len(files):
-            interrupt.add_note(f"{name} is complete")
-        raise
+    with writing(path):
+        bring_to_disk(partial)
+        rename(partial, path)
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> Iterator[None]:
+    """Errors of the system within become an `OutputError` that names the path."""
     try:
         yield
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
 
 
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Hold termination signals back until the end; they are raised there."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # signals interrupt the main thread alone
-        return
-    arrived: list[int] = []
-    before = {number: signal.getsignal(number) for number in signals.ENDING}
-    held = {number: one for number, one in before.items() if one not in (None, signal.SIG_IGN)}
-    for number in held:
-        signal.signal(number, lambda number, _: arrived.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in held.items():
-            signal.signal(number, handler)
-        if arrived:
-            signal.raise_signal(arrived[0])
-
-
-def _rename(partial: Path, path: Path) -> None:
+def rename(partial: Path, path: Path) -> None:
+    """Give a file its final name, with owner and mode of the one that it replaces."""
     target = written_through(path)
     if target.exists():
         _take_rights(target, partial)
@@ -232,7 +184,8 @@ def _rename(partial: Path, path: Path) -> None:
         _move_across(partial, target)
 
 
-def _bring_to_disk(path: Path) -> None:
+def bring_to_disk(path: Path) -> None:
+    """Wait until a file is on the disk."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
@@ -256,7 +209,7 @@ def _move_across(partial: Path, target: Path) -> None:
     there = partial_name(target)
     try:
         shutil.copyfile(partial, there)
-        _bring_to_disk(there)
+        bring_to_disk(there)
         if target.exists():
             _take_rights(target, there)
         there.replace(target)

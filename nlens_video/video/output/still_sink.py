@@ -11,7 +11,8 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.atomic_files import partial_name, publish_all, remove_stale
+from nlens_video.video.atomic_files import partial_name, remove_stale
+from nlens_video.video.atomic_sequences import publish_all
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Sink
@@ -84,7 +85,7 @@ class StillSink(Sink):
         """Nothing: pictures have no other streams."""
 
     def commit(self) -> None:
-        """Give the files their names: all, or in an interrupted run none.
+        """Give the files their names: all, or in a run that is interrupted or fails none.
 
         Raises:
             OutputError: they cannot be written.
