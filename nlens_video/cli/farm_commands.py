@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from argparse import Namespace
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,6 +19,7 @@ from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import output_settings, source_settings
+from nlens_video.options.toml_words import read_toml
 from nlens_video.run.observers import check_sidecars
 
 
@@ -137,10 +137,7 @@ def read_shot_list(path: Path, *, overwrite: bool = True) -> list[Settings]:
         UsageError: the file cannot be read, or a shot is wrong.
         OutputError: a shot writes over what one of them reads, or must not replace what is there.
     """
-    try:
-        listed = tomllib.loads(path.read_text(encoding="utf-8")).get("shot")
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UsageError(f"--jobs {path}: cannot be read as TOML ({error})") from error
+    listed = read_toml(path, f"--jobs {path}: cannot be read as TOML").get("shot")
     if not isinstance(listed, list) or not listed:
         raise UsageError(f"--jobs {path}: lists no [[shot]] with in, object and out")
     shots = [_parsed(entry, f"--jobs {path}: shot {at}") for at, entry in enumerate(listed, 1)]

@@ -6,7 +6,6 @@ A value of a key is what the option of that name takes.
 from __future__ import annotations
 
 import argparse
-import tomllib
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, cast
 
@@ -105,8 +104,8 @@ def object_word(text: str) -> FurtherObject:
 def _from_word(text: str, reader: Callable[[Mapping[str, Any]], Read], such: str) -> Read:
     try:
         return reader(table_of(text))
-    except (ValueError, tomllib.TOMLDecodeError):
-        raise argparse.ArgumentTypeError(f"{text!r} is no table, such as {such}") from None
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text[:60]!r} is no table, such as {such}") from None
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 

@@ -62,9 +62,11 @@ def port(text: str) -> int:
 
 
 def word(text: str) -> str:
-    """A name: not empty, no part of it longer than the name of a file may be."""
+    """A name: not empty, without NUL, no part of it longer than the name of a file may be."""
     if not text.strip():
         raise argparse.ArgumentTypeError("is empty; give a name")
+    if "\0" in text:
+        raise argparse.ArgumentTypeError("has a NUL character; no name has one")
     longest = max(len(os.fsencode(part)) for part in text.split("/"))
     if "://" not in text and longest > _LONGEST_NAME:
         raise argparse.ArgumentTypeError(

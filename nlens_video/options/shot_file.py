@@ -7,7 +7,6 @@ the same. Its paths are relative to its own folder.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,7 @@ from nlens_video.core.errors import UsageError
 from nlens_video.options.option import Option
 from nlens_video.options.shot_objects import LISTED, Tables, apart, file_of, is_listed
 from nlens_video.options.table import ROWS
-from nlens_video.options.toml_words import meant, word_of
+from nlens_video.options.toml_words import meant, read_toml, word_of
 from nlens_video.video.named_files import local_path
 
 VERSION, LISTS = 1, 2
@@ -152,11 +151,7 @@ def read_tables(path: Path) -> Tables:
     Raises:
         UsageError: the file cannot be read, or is of another version.
     """
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise UsageError(f"{path}: cannot be read as a shot file ({reason})") from error
+    tables = read_toml(path, f"{path}: cannot be read as a shot file")
     version = tables.pop("version", None)
     if isinstance(version, bool) or version not in (VERSION, LISTS):
         said = "says no version" if version is None else f"has version {version}"
@@ -211,6 +206,8 @@ def given_by(tables: Tables, path: Path) -> Given:
                     f"{path}: [{table}] {key}: expected a text, a number, true, false or a list of "
                     "numbers"
                 )
+            if "\0" in word:  # before the word becomes a path, which the system refuses
+                raise UsageError(f"{path}: [{table}] {key}: has a NUL character; leave it out")
             if row.attribute in given:
                 other = keys_of(given[row.attribute][0])[0]
                 raise UsageError(f"{path}: [{table}] {key} and {other} exclude each other")

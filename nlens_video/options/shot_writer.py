@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from nlens_video.options.shot_file import (
     words_by,
 )
 from nlens_video.options.shot_objects import LISTED, Tables, is_listed
-from nlens_video.options.toml_words import is_number, table_of, word_of
+from nlens_video.options.toml_words import is_number, parsed_toml, table_of, word_of
 from nlens_video.video.atomic_files import replacing
 from nlens_video.video.named_files import local_path
 
@@ -140,8 +139,8 @@ def _plain(word: str) -> object:
     """The number, list of numbers or text that reads back as a word."""
     for text in (word, f"[{word}]"):
         try:
-            value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+            value = parsed_toml(f"value = {text}")["value"]
+        except ValueError:
             continue
         numbers = value if isinstance(value, list) else [value]
         if all(map(is_number, numbers)) and word_of(value) == word:

@@ -1,4 +1,4 @@
-"""Values of TOML as words of a command line, and back."""
+"""TOML that users write, and its values as words of a command line, and back."""
 
 from __future__ import annotations
 
@@ -6,7 +6,52 @@ import json
 import tomllib
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
+
+from nlens_video.core.errors import UsageError
+
+_LARGEST = 1 << 63
+"""Beyond it no whole number of TOML is; one of thousands of digits cannot be printed either."""
+
+
+def read_toml(path: Path, failure: str) -> dict[str, Any]:
+    """The content of a file of TOML.
+
+    Args:
+        path: the file.
+        failure: what the message begins with where it cannot be read.
+
+    Raises:
+        UsageError: it cannot be read, or is no TOML.
+    """
+    try:
+        return parsed_toml(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise UsageError(f"{failure} ({reason})") from error
+
+
+def parsed_toml(text: str) -> dict[str, Any]:
+    """The content of a text of TOML.
+
+    Raises:
+        ValueError: it is no TOML, or nested too deeply for Python's parser.
+    """
+    try:
+        tables = tomllib.loads(text)
+        _check_numbers(tables)
+    except RecursionError:
+        raise ValueError("its lists or tables are nested too deeply") from None
+    return tables
+
+
+def _check_numbers(value: object) -> None:
+    if isinstance(value, int) and not -_LARGEST <= value < _LARGEST:
+        raise ValueError("a whole number has more than 64 bits")
+    if isinstance(value, list | dict):
+        for one in value.values() if isinstance(value, dict) else value:
+            _check_numbers(one)
 
 
 def word_of(value: object) -> str | None:
@@ -32,7 +77,7 @@ def table_of(word: str) -> dict[str, Any]:
     Raises:
         ValueError: it is none.
     """
-    table = tomllib.loads(f"value = {word}")["value"]
+    table = parsed_toml(f"value = {word}")["value"]
     if not isinstance(table, dict):
         raise ValueError("no table in braces")
     return table

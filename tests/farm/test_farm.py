@@ -164,6 +164,8 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
         ('[[shot]]\nshot = "a.toml"\nin = "b"', "no 'in' there; expected shot, options"),
         ('[[shot]]\nshot = "missing.toml"', "missing.toml: cannot be read as a shot file"),
         ("not toml", "cannot be read"),
+        (f"a = {'[' * 20_000}", "nested too deeply"),
+        ('[[shot]]\nin = "a\\u0000b"\nobject = "b"\nout = "c.mkv"', "IN: has a NUL character"),
     ],
 )
 def test_invalid_list_of_shots_is_refused_in_one_line(text, says, tmp_path, capsys):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from nlens_video.core.errors import UsageError
 from nlens_video.options.parser import parse
 
 
@@ -27,3 +28,17 @@ def test_file_whose_own_name_has_hashes_is_that_file(tmp_path):
     own = tmp_path / "p.####.png"
     own.touch()
     assert parse([str(own), "a.glb", "o.mp4"]).input == str(own)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        (r'{file = "a\u0000b"}', "file: has a NUL character"),
+        ("{a = " + "[" * 20_000, "is no table, such as"),
+    ],
+)
+def test_object_that_cannot_be_read_is_told_shortly(table, said):
+    with pytest.raises(UsageError) as caught:
+        parse(["in.mp4", "a.glb", "o.mp4", "--object", table])
+    assert said in str(caught.value)
+    assert len(str(caught.value)) < 300

@@ -150,6 +150,13 @@ def test_any_text_is_read_back_as_it_was(tmp_path_factory, name):
     assert parse([str(path)]).animation == name
 
 
+def test_number_that_toml_does_not_have_is_saved_as_a_text(tmp_path):
+    long = "9" * 5000
+    assert saved(["in.mp4", "a.glb", "o.mp4", f"--at={long},1"], tmp_path / "a.toml")["place"] == {
+        "at": f"{long},1"
+    }
+
+
 def test_streams_devices_and_environments_by_name_are_no_paths(tmp_path):
     text = """\
 version = 1
@@ -195,6 +202,12 @@ def parse_env(word):
         ("version = 1\n[plate]\nfile = 'a'\n", 'names no object; give file = "…" under [object]'),
         (WHOLE.replace("0.3", "'big'"), "argument --size: 'big' is not a number"),
         (WHOLE.replace("90", "true"), "--shutter"),
+        (WHOLE.replace("plates/in", r"a\u0000b"), "[plate] file: has a NUL character"),
+        (WHOLE.replace("out.mp4", r"a\u0000b"), "[output] file: has a NUL character"),
+        (WHOLE + '[camera]\ncamera-from = "a\\u0000b"\n', "camera-from: has a NUL"),
+        (WHOLE + '[lens]\nfit = "a\\u0000b"\n', "[lens] fit: has a NUL character"),
+        (f"a = {'[' * 20_000}", "nested too deeply"),
+        (f"version = 0x{'f' * 20_000}", "a whole number has more than 64 bits"),
     ],
 )
 def test_mistakes_are_told_with_the_name_of_the_file(tmp_path, text, said):
