@@ -8,6 +8,7 @@ environment does not see the system's, it gets a link to it.
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import os
 import re
@@ -28,9 +29,14 @@ _PLUGIN = """\
 
 import sys
 
-sys.path += [path for path in {paths!r} if path not in sys.path]
+# GStreamer's loader goes on using this list without holding it, while OpenCV puts another in its
+# place: here the list is held, and put back with the other's content
+before = sys.path
+before += [path for path in {paths!r} if path not in before]
 from nlens_video.adapters.gstreamer_element import ELEMENT
 
+before[:] = sys.path
+sys.path = before
 __gstelementfactory__ = ELEMENT
 """
 
@@ -120,6 +126,10 @@ def install_problem() -> str:
 
 def main() -> int:
     """Install, and say what was written; the exit code."""
+    argparse.ArgumentParser(
+        prog="python -m nlens_video.adapters.gstreamer_install", allow_abbrev=False,
+        description="Show GStreamer this environment's element nlens; prints what is written.",
+    ).parse_args()  # fmt: skip
     try:
         for path in install():
             sys.stdout.write(f"{path}\n")

@@ -135,6 +135,15 @@ def test_documented_line_runs_as_written(line, launch, plates):
         assert len(decoded(folder / "out.webm")) == FRAMES
 
 
+@pytest.mark.needs_programs("ffmpeg")
+def test_lens_is_fitted_on_the_stream_where_no_fit_is_given(launch, plates):
+    folder = plates("bt709").folder
+    made("-i", folder / "in.mkv", folder / "in.y4m")
+    line = "filesrc location=in.y4m ! y4mdec ! nlens glb=anim.glb preset=draft ! fakesink"
+    run = launch(f"gst-launch-1.0 {line}", folder)
+    assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
+
+
 def test_missing_object_is_named(launch, tmp_path):
     run = launch("gst-launch-1.0 videotestsrc num-buffers=2 ! nlens ! fakesink", tmp_path)
     assert run.returncode != 0 and "no object was named; give glb=anim.glb" in run.stderr

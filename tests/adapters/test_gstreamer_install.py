@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from support.gstreamer_environment import install_element, user_environment
@@ -32,6 +33,16 @@ def test_element_is_found_where_gstreamer_failed_to_load_it_before(user):
     assert run.returncode == 0, run.stderr
     found = _find(user)
     assert found.returncode == 0 and not found.stderr
+
+
+@pytest.mark.parametrize(("word", "code"), [("--help", 0), ("--uninstall", 2), ("now", 2)])
+def test_words_beside_the_command_install_nothing(user, word, code):
+    run = subprocess.run(
+        ["python", "-m", "nlens_video.adapters.gstreamer_install", word], env=user,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == code and "usage: " in run.stdout + run.stderr
+    assert not list(Path(user["HOME"]).iterdir())
 
 
 def test_environment_of_another_that_hides_the_element_is_said(user, tmp_path):
