@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
-from concurrent.futures import TimeoutError as NotYet
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from time import monotonic
 from typing import Any, Literal, Self
 
 import numpy.typing as npt
@@ -26,14 +26,14 @@ class FrameQueue:
             that still waits, for cameras.
 
     Raises:
-        UsageError: a size below 1, or another word.
+        UsageError: no whole size from 1 on, or another word.
     """
 
     def __init__(
         self, lens: Compositor, size: int = 3, *, on_full: Literal["wait", "drop"] = "wait"
     ) -> None:
-        if size < 1:
-            raise UsageError(f"{size=}: expected 1 or more frames")
+        if not isinstance(size, int) or size < 1:
+            raise UsageError(f"{size=}: expected a whole number of frames, 1 or more")
         if on_full not in ("wait", "drop"):
             raise UsageError(f"{on_full=}: expected one of wait, drop")
         self._lens, self._size, self._drops = lens, size, on_full == "drop"
@@ -87,25 +87,23 @@ class FrameQueue:
         Raises:
             NlensError: as `Compositor.process` on that frame, which is then taken.
         """
-        with self._changed:
-            if not self._changed.wait_for(lambda: self._closed or self._pending, timeout_s):
+        until = None if timeout_s is None else monotonic() + timeout_s
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._pending, _left_s(until))
+                if not self._pending:
+                    return None
+                oldest = self._pending[0]
+            try:
+                oldest.exception(_left_s(until))  # waits, and does not raise what it raised
+            except CancelledError:
+                continue  # `submit` left it out meanwhile, and another is the oldest
+            except TimeoutError:
                 return None
-            if not self._pending:
-                return None
-            oldest = self._pending[0]
-        try:
-            made = oldest.result(timeout_s)
-        except NotYet:
-            return None
-        finally:
-            if oldest.done():
-                self._take(oldest)
-        return made
-
-    def _take(self, oldest: Future[npt.NDArray[Any]]) -> None:
-        with self._changed:
-            self._pending.remove(oldest)
-            self._changed.notify_all()
+            with self._changed:
+                self._pending.remove(oldest)
+                self._changed.notify_all()
+            return oldest.result()
 
     def close(self) -> None:
         """Take no more frames; results of those that were submitted can still be taken."""
@@ -122,3 +120,8 @@ class FrameQueue:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _left_s(until: float | None) -> float | None:
+    """Time until a moment of the monotonic clock, 0 after it; None where there is none [s]."""
+    return None if until is None else max(until - monotonic(), 0.0)

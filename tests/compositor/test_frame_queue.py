@@ -4,6 +4,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing.shared_memory import SharedMemory
 
 import numpy as np
@@ -72,6 +73,33 @@ def test_camera_drops_the_oldest_waiting_frame(lens):
     np.testing.assert_array_equal(last, lens.process(bgr(), 5 / 25))
 
 
+def test_consumer_of_a_frame_that_is_left_out_gets_the_next(lens):
+    with FrameQueue(lens, 1, on_full="drop") as queue, ThreadPoolExecutor(1) as other:
+        busy = threading.Event()
+        queue._worker.submit(busy.wait, 30)
+        queue.submit(bgr(), 0.0)
+        taken = other.submit(queue.result)
+        time.sleep(0.1)  # until it waits for that frame
+        queue.submit(bgr(), 0.2)
+        busy.set()
+        np.testing.assert_array_equal(taken.result(30), lens.process(bgr(), 0.2))
+        assert queue.dropped == 1 and len(queue) == 0
+
+
+def test_time_to_wait_is_that_of_the_frame_and_of_its_result_together(lens):
+    with FrameQueue(lens) as queue:
+        busy = threading.Event()
+        queue._worker.submit(busy.wait, 30)
+        sender = threading.Timer(0.6, queue.submit, [bgr(), 0.0])
+        sender.start()
+        begin = time.monotonic()
+        assert queue.result(0.9) is None
+        assert time.monotonic() - begin < 1.3
+        sender.join()
+        busy.set()
+        assert queue.result() is not None  # the frame that came too late is not lost
+
+
 def test_result_is_written_where_it_is_asked_for(lens):
     frame = bgr()
     with FrameQueue(lens) as queue:
@@ -99,7 +127,9 @@ def test_waiting_ends_by_its_time_or_by_closing(lens):
         queue.submit(bgr())
 
 
-@pytest.mark.parametrize(("size", "on_full"), [(0, "wait"), (2, "skip")])
+@pytest.mark.parametrize(
+    ("size", "on_full"), [(0, "wait"), (1.5, "wait"), (None, "wait"), (2, "skip")]
+)
 def test_settings_out_of_range_are_refused(lens, size, on_full):
     with pytest.raises(UsageError, match="expected"):
         FrameQueue(lens, size, on_full=on_full)
