@@ -49,8 +49,8 @@ _MEGA = 1_000_000
 _EXACT_S = 1e-6  # a time this near to that of a frame's number is taken for it: GStreamer rounds
 _TOLD_EVERY = 30  # frames
 _GREW = 1.25  # times that were told before are told again when they grew by so much
-_OF_CAPS = {"fps", "pixel_aspect"}  # options that the stream tells itself
-_OBJECTS = {"optics", "shutter_deg"}  # options that other options give as text
+_NO_PROPERTIES = {"fps", "pixel_aspect", "optics", "glb"}
+"""The stream tells the first two itself, other options give `optics` as text, `glb` is below."""
 
 
 def _property(name: str, default: object) -> tuple[object, ...]:
@@ -64,7 +64,7 @@ def _property(name: str, default: object) -> tuple[object, ...]:
 _OPTIONS = {
     name: parameter.default
     for name, parameter in inspect.signature(Compositor).parameters.items()
-    if name not in _OF_CAPS | _OBJECTS | {"glb"}
+    if name not in _NO_PROPERTIES
 }
 
 

@@ -21,11 +21,15 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import EFFECTS, EffectRequest
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.options import table
 from nlens_video.options.option import Option
 from nlens_video.options.readers import word
-from nlens_video.options.table import PARAMETERS
 from nlens_video.options.to_settings import lens_overrides, object_settings
 
+PARAMETERS = {
+    option.flags[0].lstrip("-").replace("-", "_"): option for option in table.PARAMETERS.values()
+}
+"""Options that a `Compositor` takes, by the names that the command line gives them today."""
 _OF_THE_OBJECT = ("scene", "playback", "placing", "light", "real")
 """Settings that `ObjectSettings` hold."""
 
@@ -53,10 +57,10 @@ def as_args(given: Mapping[str, object]) -> argparse.Namespace:
     Raises:
         UsageError: a value that the option does not take.
     """
-    args = argparse.Namespace(**{name: one.initial for name, one in PARAMETERS.items()})
+    args = argparse.Namespace(**{one.attribute: one.initial for one in PARAMETERS.values()})
     for name, value in given.items():
         if value is not None:
-            setattr(args, name, _read(name, PARAMETERS[name], value))
+            setattr(args, PARAMETERS[name].attribute, _read(name, PARAMETERS[name], value))
     return args
 
 
@@ -76,7 +80,8 @@ def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> Ob
     given = [
         name
         for name, option in PARAMETERS.items()
-        if option.feeds.split(".")[0] in _OF_THE_OBJECT and getattr(args, name) != option.initial
+        if option.feeds.split(".")[0] in _OF_THE_OBJECT
+        and getattr(args, option.attribute) != option.initial
     ]
     if given:
         raise UsageError(f"{', '.join(given)}: stand in the ObjectSettings; leave them out")
@@ -96,7 +101,7 @@ def _under_a_horizon(objects: ObjectSettings) -> ObjectSettings:
 
 def as_lens(
     args: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
-    aperture: Aperture | str, optics: LensOverrides, shutter_deg: float | None,
+    aperture: Aperture | str, optics: LensOverrides,
 ) -> LensRequest:  # fmt: skip
     """How the lens is found and simulated.
 
@@ -106,7 +111,6 @@ def as_lens(
         fit: the lens, when it is known beforehand.
         aperture: its shape.
         optics: in place of `vignetting` and `distortion`.
-        shutter_deg: in place of `shutter` [deg].
 
     Raises:
         UsageError: a preset or effects that do not exist, or an option given twice.
@@ -115,15 +119,12 @@ def as_lens(
     load_pipeline(args.preset)
     EffectRequest.parse(args.effects)
     given = lens_overrides(args)
-    if args.shutter is not None and shutter_deg is not None:
-        raise UsageError("shutter and shutter_deg are the same; leave one of them out")
     if NO_OVERRIDES not in (given, optics):
         raise UsageError("optics holds vignetting and distortion; leave those out")
     return LensRequest(
         preset=args.preset, effects=args.effects, fit=None if fit is None else as_fit(fit),
         fallback=args.fallback, device=args.device, frame_s=1.0 / fps,
-        shutter_deg=args.shutter if shutter_deg is None else shutter_deg,
-        aperture=as_aperture(aperture, args.cat_eye),
+        shutter_deg=args.shutter, aperture=as_aperture(aperture, args.cat_eye),
         optics=given if optics == NO_OVERRIDES else optics,
         known=replace(args.lens or UNKNOWN_LENS, prefer=args.prefer), fit_region=args.fit_region,
         live=args.track_focus == "auto",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 import numpy.typing as npt
 
 from nlens_video.compositor.arguments import (
+    PARAMETERS,
     as_args,
     as_fit,
     as_lens,
@@ -34,7 +35,6 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides
 from nlens_video.core.settings import Device, Fallback, ObjectSettings, Occlusion
 from nlens_video.graph.base.profiler import Profiler, Summary
-from nlens_video.options.table import PARAMETERS
 
 if TYPE_CHECKING:
     import av
@@ -57,7 +57,7 @@ class Compositor:
 
     Args:
         glb: the animated object; or `settings.ObjectSettings`, which hold what `camera` to
-            `reflect` say.
+            `ground_reflectance` say.
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
         pixel_aspect: width of a pixel by its height, for frames that do not tell it [1].
@@ -72,7 +72,7 @@ class Compositor:
         lens: what is known of it, such as `50mm f/2.8 focus 2.4m sensor full-frame`.
         prefer: `near` or `far`: of two lenses that explain the plate, the one focused so.
         fit_region: part of the frame whose ground tells the lens, as `--fit-region` [frame].
-        shutter: how long the shutter is open, 0 to 360 for all of a frame [deg].
+        shutter_angle: how long the shutter is open, 0 to 360 for all of a frame [deg].
         vignetting: light lost at the corners, 0 to 8 [stops].
         distortion: k1, or k1 and k2, as OpenCV defines them [1].
         camera: name of the GLB's camera, None for its first.
@@ -80,7 +80,7 @@ class Compositor:
         at_frame: frame that `at` is of, where that camera moves.
         scene: name or number of the GLB's scene.
         ground_y: height of the ground plane, None for the object's lowest point [scene unit].
-        footprint: name of the object under which the lens is fitted.
+        footprint_node: name of the object under which the lens is fitted.
         animation: name or number of the animation that plays, or `all`.
         loop: whether it starts again after its end.
         animation_speed: seconds of the animation per second of the frames, > 0 [1].
@@ -92,15 +92,14 @@ class Compositor:
         fov: field of view across the frame, 1 to 170 [deg].
         horizon: row of the horizon, above `at`; None for a level camera's [frame height].
         roll: how far the frame's camera leans to its left: the horizon falls to the right [deg].
-        env: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
+        env_map: equirectangular map of the light from around, .hdr or .exr; None for the frame's.
         env_rotation: turn of the map about the vertical [deg].
         env_exposure: brightness of the map in stops, None for the frame's level [EV].
         sun: to the right of the view, above the horizon [deg], and strength; "none" for no sun.
         shadow_strength: 0 none, 1 as the light has it, up to 2 [1].
         holdout: matte or depth of what stands in front of the object.
         occlusion: `auto` finds what stands in front by the frame's blur.
-        reflect: share of the light that the ground mirrors seen from above, 0 to 1 [1].
-        shutter_deg: older name of `shutter` [deg].
+        ground_reflectance: share of the light that the ground mirrors seen from above, 0 to 1 [1].
         optics: `vignetting` and `distortion` as one object.
 
     Raises:
@@ -127,7 +126,7 @@ class Compositor:
         lens: str | None = None,
         prefer: Prefer | None = None,
         fit_region: tuple[float, ...] | None = None,
-        shutter: float | None = None,
+        shutter_angle: float | None = None,
         vignetting: float | None = None,
         distortion: float | tuple[float, float] | None = None,
         camera: str | None = None,
@@ -135,7 +134,7 @@ class Compositor:
         at_frame: int | None = None,
         scene: str | int | None = None,
         ground_y: float | None = None,
-        footprint: str | None = None,
+        footprint_node: str | None = None,
         animation: str | int | None = None,
         loop: bool = False,
         animation_speed: float | None = None,
@@ -147,24 +146,21 @@ class Compositor:
         fov: float | None = None,
         horizon: float | None = None,
         roll: float | None = None,
-        env: str | Path | None = None,
+        env_map: str | Path | None = None,
         env_rotation: float | None = None,
         env_exposure: float | None = None,
         sun: tuple[float, ...] | Literal["none"] | None = None,
         shadow_strength: float | None = None,
         holdout: str | Path | None = None,
         occlusion: Occlusion | None = None,
-        reflect: float | None = None,
-        shutter_deg: float | None = None,
+        ground_reflectance: float | None = None,
         optics: LensOverrides = NO_OVERRIDES,
     ) -> None:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
             check_settings(fps, pixel_aspect, budget_ms, track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
-            request = as_lens(
-                args, fps=fps, fit=fit, aperture=aperture, optics=optics, shutter_deg=shutter_deg
-            )
+            request = as_lens(args, fps=fps, fit=fit, aperture=aperture, optics=optics)
             objects, profiler = as_objects(glb, args), Profiler(budget_ms)
             self._loop = FrameLoop(objects, request, fps, pixel_aspect, profiler)
         self._thread = OwnThread(self._loop.close)

@@ -154,6 +154,8 @@ def test_element_is_found_with_an_option_for_each_of_the_compositors(launch, tmp
     assert run.returncode == 0 and not run.stderr, run.stderr
     properties = set(re.findall(r"^  ([a-z-]+) +: ", run.stdout, re.M))
     assert {"glb", "preset", "fit", "at", "shadow-strength", "track-focus", "qos"} <= properties
+    today = {"env-map", "footprint-node", "ground-reflectance", "shutter-angle"}
+    assert today <= properties and not {"env", "shutter", "shutter-deg"} & properties
 
 
 def test_end_of_stream_comes_after_all_frames_with_plan_fit_and_timings(play):

@@ -253,7 +253,7 @@ def widths(glb, moments, **options):
     grey = np.full((shots.HEIGHT, shots.WIDTH, 3), 120, np.uint8)
     common = {"preset": "realtime", "fps": 25, "fit": fit, "effects": "motion-blur"}
     found = []
-    with Compositor(glb, shutter=360, **common, **options) as compositor:
+    with Compositor(glb, shutter_angle=360, **common, **options) as compositor:
         for moment in moments:
             changed = np.abs(compositor.process(grey, moment).astype(int) - grey).max(axis=2) > 8
             columns = np.flatnonzero(changed.any(axis=0))

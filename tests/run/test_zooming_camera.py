@@ -98,7 +98,7 @@ def test_zoom_of_a_camera_file_is_that_of_the_object_and_its_blur(tmp_path):
 def test_object_is_motion_blurred_by_a_zoom(tmp_path):
     black = np.zeros((HEIGHT, WIDTH, 3), np.float32)
     shot = zooming_shot(tmp_path / "zoom.glb")
-    with Compositor(shot, effects="motion-blur", fps=2.0, shutter=360.0) as lens:
+    with Compositor(shot, effects="motion-blur", fps=2.0, shutter_angle=360.0) as lens:
         row = linear(lens.process(black, time=0.5))[HEIGHT // 2]
     # Open from 0.25 s to 0.75 s, in which the edge moves from one place to the other.
     begin, end = (0.5 * WIDTH + 0.1 * focal(time_s) for time_s in (0.25, 0.75))
