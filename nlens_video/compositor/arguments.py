@@ -95,7 +95,7 @@ def _under_a_horizon(objects: ObjectSettings) -> ObjectSettings:
     if objects.on_ground is not None:
         return replace(objects, placing=objects.on_ground.under(), on_ground=None)
     if objects.placing is None and objects.fov_deg is not None:
-        raise UsageError("--fov is of a placed object; give --at X,Y and --size S too")
+        raise UsageError("--fov is of a placed object; give --at X,Y too")
     return objects
 
 

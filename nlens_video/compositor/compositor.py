@@ -85,8 +85,8 @@ class Compositor:
         loop: whether it starts again after its end.
         animation_speed: seconds of the animation per second of the frames, > 0 [1].
         animation_offset: moment of the animation on the first frame [s].
-        at: where a GLB without a camera stands, from the upper left; needs `size` [frame].
-        size: height of the object there, > 0 [frame height].
+        at: where a GLB without a camera stands, from the upper left [frame].
+        size: height of the object there, > 0; None for a usual one [frame height].
         height: its height in place of `size`, where `camera_from` is in metres [m].
         yaw: turn about the vertical, 0 faces the viewer [deg].
         fov: field of view across the frame, 1 to 170 [deg].

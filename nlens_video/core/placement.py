@@ -144,8 +144,12 @@ class GroundPlacing:
         if self.size is not None:
             _check_size(self.size)
 
-    def under(self, horizon: float = LEVEL, roll_deg: float = 0.0) -> Placement:
-        """The place under a horizon that is given, as of `Placement`.
+    def under(self, horizon: float | None = None, roll_deg: float = 0.0) -> Placement:
+        """The place in a frame whose camera is not solved.
+
+        Args:
+            horizon: as of `Placement`; None: that of a level camera [frame height].
+            roll_deg: as of `Placement` [deg].
 
         Raises:
             UsageError: no place is given, or it needs a scale.
@@ -155,13 +159,19 @@ class GroundPlacing:
                 "--height needs a camera in metres (--camera-from); give --size in its place"
             )
         if self.at is None:
+            if horizon is None:
+                raise UsageError(
+                    "to place the object give --at X,Y, fractions of the frame, or --camera-from "
+                    "CAMERA, on whose ground a place is chosen"
+                )
             raise UsageError(
                 "to place the object under --horizon give --at X,Y, fractions of the frame"
             )
         size = usual_size(self.at) if self.size is None else self.size
         return Placement(
-            at=self.at, size=size, yaw_deg=self.yaw_deg, horizon=horizon, roll_deg=roll_deg
-        )
+            at=self.at, size=size, yaw_deg=self.yaw_deg,
+            horizon=LEVEL if horizon is None else horizon, roll_deg=roll_deg,
+        )  # fmt: skip
 
 
 def usual_size(at: tuple[float, float]) -> float:

@@ -78,6 +78,15 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
     assert 0.45 < rows.mean() / frame.shape[0] < 0.8
 
 
+@pytest.mark.needs_gl
+def test_object_that_is_placed_without_a_size_gets_a_usual_one(bare):
+    with Compositor(bare, preset="draft", fit=FIT, at=(0.5, 0.8)) as lens:
+        lens.process(bgr())
+        assert any(
+            "placed by at=(0.5, 0.8) size=0.35 yaw=0 horizon=0.5" in line for line in lens.plan
+        )
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -88,7 +97,10 @@ def test_object_without_a_camera_is_placed_by_keywords(bare):
         ({"at": (0.5, 0.8), "size": 0.3, "fov": 190}, "fov=190: '190' is not an angle from 1 to"),
         ({"at": (0.5, 0.8), "size": 0.3, "yaw": float("nan")}, "yaw=nan: 'nan' is not a number"),
         ({"at": (0.5, 0.8), "height": 0.4}, "height needs a camera in metres (camera_from)"),
-        ({"fov": 40}, "fov is of a placed object; give at and size"),
+        ({"fov": 40}, "fov is of a placed object; give at too"),
+        ({"size": 0.3}, "to place the object give at, fractions of the frame, or camera_from"),
+        ({"yaw": 10}, "to place the object give at, fractions"),
+        ({"horizon": 0.3}, "to place the object under horizon give at, fractions"),
         ({"env_rotation": 20}, "env_rotation needs a map; give env_map too"),
         ({"shadow_strength": 3}, "shadow_strength=3: '3' is not a number from 0 to 2"),
         ({"effects": "glitter"}, "effects: 'glitter' is not an effect"),
