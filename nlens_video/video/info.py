@@ -125,6 +125,12 @@ class SourceInfo:
         return (self.height, self.width) if sideways else (self.width, self.height)
 
     @property
+    def uneven_aspect(self) -> Fraction | None:
+        """Width of a stored pixel by its height, None where it is square or unknown [1]."""
+        ratio = self.sample_aspect_ratio
+        return None if ratio == 1 else ratio
+
+    @property
     def pixel_aspect(self) -> float:
         """Width of a displayed pixel by its height [1]."""
         ratio = float(self.sample_aspect_ratio or 1)

@@ -24,6 +24,8 @@ _OPTIONS = {
     "mjpeg": {"flags": "+qscale", "global_quality": str(2 * 118)},
     "libwebp": {"lossless": "1"},
 }
+_ASPECT = ("dpx", "mjpeg", "pcx", "png", "tiff")
+"""Encoders whose files say the shape of their pixels."""
 _JPEG2000 = ("rgb24", "rgb48le", "rgba", "rgba64le", "gray", "gray16le", "ya8", "ya16le")
 """Its formats that other readers show right: they take YUV for full range."""
 
@@ -68,6 +70,20 @@ def picture_encoding(info: SourceInfo, suffix: str, pix_fmt: str | None) -> Enco
     return choose_encoding(
         info, lambda name, _: name == codec, suffix, codec=codec, pix_fmt=pix_fmt
     )
+
+
+def lost_aspect(info: SourceInfo, suffix: str) -> tuple[str, ...]:
+    """A note where pictures do not say that their pixels are not square.
+
+    Args:
+        info: the source.
+        suffix: extension of the kind, one of `EXTENSIONS`.
+    """
+    ratio = info.uneven_aspect
+    if ratio is None or EXTENSIONS[suffix] in _ASPECT:
+        return ()
+    shape = f"{ratio.numerator}:{ratio.denominator}"
+    return (f"pixels of {shape} become square: {suffix} has no place for their shape",)
 
 
 def picture_options(codec: str, pixel_format: str) -> dict[str, str]:

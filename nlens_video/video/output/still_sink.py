@@ -14,11 +14,16 @@ from nlens_video.core.errors import OutputError
 from nlens_video.video.atomic_files import partial_name, remove_stale
 from nlens_video.video.atomic_sequences import publish_all
 from nlens_video.video.exr import write_layers
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.encoder_threads import ordinary_priority
-from nlens_video.video.output.picture_files import EXTENSIONS, picture_encoding, picture_options
+from nlens_video.video.output.picture_files import (
+    EXTENSIONS,
+    lost_aspect,
+    picture_encoding,
+    picture_options,
+)
 from nlens_video.video.pixels.picture import picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
 from nlens_video.video.pixels.upright import turned
@@ -44,6 +49,7 @@ class StillSink(Sink):
         if self._codec != "exr":
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
+        self._notes += lost_aspect(info, self._path.suffix.lower())
         self._notes += remove_stale(self._path)
         self._folder = partial_name(self._path)
         try:
@@ -111,6 +117,8 @@ class StillSink(Sink):
         context.width, context.height, context.pix_fmt = pixels.width, pixels.height, self._format
         context.time_base = Fraction(1, 25)
         context.thread_count = 1
+        if ratio := upright(self._info).uneven_aspect:
+            context.sample_aspect_ratio = ratio
         context.color_range, context.colorspace = pixels.color_range, pixels.colorspace
         context.color_primaries, context.color_trc = pixels.color_primaries, pixels.color_trc
         context.options = picture_options(self._codec, self._format)

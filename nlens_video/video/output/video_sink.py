@@ -20,13 +20,15 @@ from nlens_video.core.errors import OutputError, ReaderGone
 from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
+from nlens_video.video.matroska_aspect import CONTAINERS as HEADERS
+from nlens_video.video.matroska_aspect import write_display_size
 from nlens_video.video.output.carried_streams import (
     CarriedStreams,
     holds_rotation,
     sample_entry,
     set_tags,
 )
-from nlens_video.video.output.containers import holds_video
+from nlens_video.video.output.containers import holds_aspect, holds_video
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
@@ -80,9 +82,10 @@ class VideoSink(Sink):
             self._discard()
             raise
         turned = (f"the pictures are turned upright: {name} has no place for their rotation",)
+        self._says_shape = bool(self._path and info.uneven_aspect and name in HEADERS)
         self._notes = (
             *self.encoding.reasons, *self._carried.notes, *(turned if self._turns else ()),
-            *rescued,
+            *self._lost_aspect(said=self._says_shape), *rescued,
         )  # fmt: skip
 
     @property
@@ -153,6 +156,29 @@ class VideoSink(Sink):
             self._container.close()
             if self._direct is not None:
                 self._direct.close()
+            if self._says_shape and self._partial and not self._said_shape(self._partial):
+                self._notes += self._lost_aspect(said=False)
+
+    def _said_shape(self, path: Path) -> bool:
+        """Say in a finished file how large it is shown; whether there was room for it."""
+        ratio = self._info.uneven_aspect or Fraction(1)
+        return write_display_size(path, self._info.stored_size, ratio)
+
+    def _lost_aspect(self, *, said: bool) -> tuple[str, ...]:
+        """A note where the result does not say the shape of its pixels.
+
+        Args:
+            said: whether its header will.
+        """
+        ratio, name = self._info.uneven_aspect, self._container.format.name
+        encoder, pixel_format = self.encoding.codec, self.encoding.pixel_format
+        if ratio is None or said or holds_aspect(name, encoder, pixel_format):
+            return ()
+        shape = f"{ratio.numerator}:{ratio.denominator}"
+        return (
+            f"pixels of {shape} become square: {name} does not hold their shape for {encoder}; "
+            ".mkv, .mov and .mp4 files do",
+        )
 
     def _rescued(self) -> tuple[str, ...]:
         """Remove files of killed runs, or keep the last of them where that was requested."""
