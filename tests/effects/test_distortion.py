@@ -85,6 +85,55 @@ def test_distorted_layer_lies_where_the_model_maps_it(at, model):
     assert 0 <= out.rgba.min() and out.rgba[..., 3].max() <= 1
 
 
+def square(light, cover=1.0):
+    """A flat square in the frame's corner region, with nothing around it."""
+    rgba = np.zeros((100, 100, 4), np.float32)
+    rgba[10:-10, 10:-10] = (light, light, light, cover)
+    return BlurredLayer(box=Box(350, 150, 450, 250), rgba=rgba)
+
+
+@pytest.mark.parametrize("model", [BARREL, Distortion(k1=0.08), Distortion(k1=-0.12)])
+@pytest.mark.parametrize("light", [0.5, 3.0, -0.25])
+def test_flat_object_has_no_rim(model, light):
+    out = distort(square(light), DistortionMap.of(model, CAMERA)).rgba
+    assert out[..., 3].max() == pytest.approx(1.0, abs=1e-6) and out[..., 3].min() >= 0.0
+    colour = np.repeat(light * out[..., 3:], 3, axis=2)
+    np.testing.assert_allclose(out[..., :3], colour, atol=2e-6)
+
+
+def test_highlight_leaves_no_dark_ring_on_what_is_beside_it():
+    layer = square(0.02)
+    layer.rgba[50, 10:-10, :3] = 50.0
+    out = distort(layer, DistortionMap.of(BARREL, CAMERA)).rgba
+    inside = out[out[..., 3] == 1.0]
+    assert inside[..., :3].min() >= np.float32(0.02) and inside[..., :3].max() > 10.0
+
+
+def test_bounds_of_the_four_neighbours_hold_at_every_place():
+    rng = np.random.default_rng(5)
+    rgba = rng.normal(size=(90, 70, 4)).astype(np.float32)
+    layer = BlurredLayer(box=Box(-20, 160, 50, 250), rgba=rgba)
+    bend = DistortionMap.of(BARREL, CAMERA)
+    out = distort(layer, bend)
+    columns, rows = (np.floor(part).astype(int) for part in bend.remap(out.box, layer.box))
+    known = (np.abs(columns) < 200) & (np.abs(rows) < 200)
+    padded = np.pad(rgba, ((300, 300), (300, 300), (0, 0)))
+    at = [padded[np.where(known, rows, 0) + 300 + i, np.where(known, columns, 0) + 300 + j]
+          for i in (0, 1) for j in (0, 1)]  # fmt: skip
+    low, high = np.minimum.reduce(at), np.maximum.reduce(at)
+    assert ((out.rgba >= low) & (out.rgba <= high))[known].all()
+    assert (out.rgba > low).any()
+
+
+def test_mirror_image_keeps_light_beyond_the_primaries():
+    layer = square(-0.25)
+    coc = np.ones(layer.rgba.shape[:2], np.float32)
+    sharp = ObjectLayer(box=layer.box, rgba=layer.rgba, depth=coc)
+    bend = DistortionMap.of(BARREL, CAMERA)
+    out = distort_defocused(DefocusedLayer(layer=sharp, coc_px=coc), bend).layer.rgba
+    assert out[..., 0].min() == pytest.approx(-0.25)
+
+
 def test_centre_of_the_frame_does_not_move():
     at = (CAMERA.cx, CAMERA.cy)
     assert middle(distort(disc(at), DistortionMap.of(BARREL, CAMERA))) == pytest.approx(

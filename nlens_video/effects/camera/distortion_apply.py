@@ -28,6 +28,7 @@ from nlens_video.effects.shadow.apply import Shade, Shadow
 from nlens_video.scene.camera import Camera
 
 MARGIN_LIMIT_PX = 512
+_BAND = 64  # rows that are bounded at once: what that takes stays in the cache
 _NOWHERE = -1e4  # a place that no layer covers [px]
 
 
@@ -123,9 +124,7 @@ def distort(layer: BlurredLayer, warp: DistortionMap) -> BlurredLayer:
     box = warp.reached(layer.box).intersection(warp.frame)
     if box.empty:
         return BlurredLayer.nothing()
-    rgba = np.maximum(_warped(layer.rgba, warp.remap(box, layer.box), cv2.INTER_CUBIC), 0.0)
-    np.minimum(rgba[..., 3], 1.0, out=rgba[..., 3])
-    return BlurredLayer(box=box, rgba=rgba)
+    return BlurredLayer(box=box, rgba=_sharply_warped(layer.rgba, warp.remap(box, layer.box)))
 
 
 def distort_shadow(shadow: Shadow, warp: DistortionMap) -> Shadow:
@@ -165,7 +164,7 @@ def distort_defocused(defocused: DefocusedLayer, warp: DistortionMap) -> Defocus
     held = defocused.layer.box
     box = warp.reached(held, _reach(defocused.coc_px))
     places = warp.remap(box, held)
-    rgba = np.maximum(_warped(defocused.layer.rgba, places, cv2.INTER_LINEAR), 0.0)
+    rgba = _warped(defocused.layer.rgba, places, cv2.INTER_LINEAR)
     depth = _warped(defocused.layer.depth, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
     coc = _warped(defocused.coc_px, places, cv2.INTER_NEAREST, cv2.BORDER_REPLICATE)
     return DefocusedLayer(layer=ObjectLayer(box=box, rgba=rgba, depth=depth), coc_px=coc)
@@ -173,6 +172,31 @@ def distort_defocused(defocused: DefocusedLayer, warp: DistortionMap) -> Defocus
 
 def _reach(coc_px: Float32) -> int:
     return math.ceil(0.5 * float(np.abs(coc_px).max(initial=0.0))) + 1
+
+
+def _sharply_warped(values: Float32, places: tuple[Float32, Float32]) -> Float32:
+    """Values at places by cubics, each between the least and the greatest of its four neighbours.
+
+    Cubics overshoot beside edges: colour would exceed what alpha covers, as a bright rim, and a
+    highlight would be ringed by black.
+    """
+    warped = _warped(values, places, cv2.INTER_CUBIC)
+    for top in range(0, len(warped), _BAND):
+        band = warped[top : top + _BAND]
+        x, y = (np.floor(part[top : top + _BAND]) for part in places)
+        first, end = max(int(y.min()), -1), min(int(y.max()) + 2, len(values))
+        if first >= end:
+            band[:] = 0.0
+            continue
+        held = cv2.copyMakeBorder(
+            values[max(first, 0) : end], int(first < 0), 1, 1, 1, cv2.BORDER_CONSTANT
+        )
+        corner = x + np.float32(1.0), y - np.float32(first)
+        for extreme, bound in ((cv2.erode, np.maximum), (cv2.dilate, np.minimum)):
+            # of each pixel and the next to the right and below
+            found = np.asarray(extreme(held, np.ones((2, 2), np.uint8), anchor=(0, 0)), np.float32)
+            bound(band, _warped(found, corner, cv2.INTER_NEAREST), out=band)
+    return warped
 
 
 def _warped(
