@@ -132,8 +132,6 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         glb = given.pop("glb", None)
         if not glb:
             raise UsageError("no object was named; give glb=anim.glb")
-        if "budget_ms" in given:
-            given["budget_ms"] = _number("budget-ms", given["budget_ms"])
         told = {"fps": float(self._rate)} if self._rate else {}
         return contract.open(glb, **told, **given)
 
@@ -271,13 +269,6 @@ def _tags(colour: GiObject) -> FrameTags:
         color_primaries=GstVideo.VideoColorPrimaries.to_iso(colour.primaries),
         color_trc=GstVideo.VideoTransferFunction.to_iso(colour.transfer),
     )
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise UsageError(f"{name}={text!r}: not a number") from None
 
 
 GObject.type_register(Nlens)

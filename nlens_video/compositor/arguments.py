@@ -34,17 +34,16 @@ _OF_THE_OBJECT = ("scene", "playback", "placing", "light", "real")
 """Settings that `ObjectSettings` hold."""
 
 
-def check_settings(fps: float, pixel_aspect: float, budget_ms: float, track_focus: str) -> None:
+def check_settings(fps: float, pixel_aspect: float, track_focus: str | None) -> None:
     """Check what no option of the command line checks.
 
     Raises:
         UsageError: a value out of its range.
     """
-    numbers = (("fps", fps), ("pixel_aspect", pixel_aspect), ("budget_ms", budget_ms))
-    for name, value in numbers:
+    for name, value in (("fps", fps), ("pixel_aspect", pixel_aspect)):
         if not isinstance(value, int | float) or not 0.0 < value < math.inf:
             raise UsageError(f"{name}={value!r}: expected a finite number above 0")
-    if track_focus not in ("auto", "off"):
+    if track_focus not in (None, "auto", "off"):
         raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
 
 
@@ -75,7 +74,7 @@ def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> Ob
         UsageError: options that contradict each other, or that stand beside `ObjectSettings`.
     """
     if not isinstance(glb, ObjectSettings):
-        args.glb = Path(glb)
+        args.glb = as_path(glb)
         return _under_a_horizon(object_settings(args))
     given = [
         name
@@ -86,6 +85,17 @@ def as_objects(glb: str | Path | ObjectSettings, args: argparse.Namespace) -> Ob
     if given:
         raise UsageError(f"{', '.join(given)}: stand in the ObjectSettings; leave them out")
     return glb
+
+
+def as_path(glb: object) -> Path:
+    """The object's file.
+
+    Raises:
+        UsageError: no path.
+    """
+    if isinstance(glb, str | Path):
+        return Path(glb)
+    raise _wrong_type("glb", "the path of a file, or ObjectSettings", glb)
 
 
 def _under_a_horizon(objects: ObjectSettings) -> ObjectSettings:
@@ -101,7 +111,7 @@ def _under_a_horizon(objects: ObjectSettings) -> ObjectSettings:
 
 def as_lens(
     args: argparse.Namespace, *, fps: float, fit: LensFit | str | Path | None,
-    aperture: Aperture | str, optics: LensOverrides,
+    aperture: Aperture | str | None, optics: LensOverrides | None,
 ) -> LensRequest:  # fmt: skip
     """How the lens is found and simulated.
 
@@ -113,12 +123,18 @@ def as_lens(
         optics: in place of `vignetting` and `distortion`.
 
     Raises:
-        UsageError: a preset or effects that do not exist, or an option given twice.
+        UsageError: a preset or effects that do not exist, an argument of another type, or an option
+            given twice.
         LensFitError: the saved fit cannot be read.
     """
     load_pipeline(args.preset)
     EffectRequest.parse(args.effects)
-    given = lens_overrides(args)
+    aperture = "auto" if aperture is None else aperture
+    if not isinstance(aperture, Aperture | str):
+        raise _wrong_type("aperture", "an Aperture, or text such as 7:15 or heart.png", aperture)
+    given, optics = lens_overrides(args), NO_OVERRIDES if optics is None else optics
+    if not isinstance(optics, LensOverrides):
+        raise _wrong_type("optics", "LensOverrides", optics)
     if NO_OVERRIDES not in (given, optics):
         raise UsageError("optics holds vignetting and distortion; leave those out")
     return LensRequest(
@@ -142,7 +158,11 @@ def as_fit(fit: object) -> LensFit:
         return fit
     if isinstance(fit, str | Path):
         return LensFit.load(Path(fit))
-    raise UsageError(f"fit takes a LensFit or the path of a saved one, not {type(fit).__name__}")
+    raise _wrong_type("fit", "a LensFit or the path of a saved one", fit)
+
+
+def _wrong_type(name: str, expected: str, value: object) -> UsageError:
+    return UsageError(f"{name} takes {expected}, not {type(value).__name__}")
 
 
 def as_time(time: float | None) -> float | None:
@@ -168,6 +188,8 @@ def _read(name: str, option: Option, value: object) -> object:
         return bool(value)
     if option.nargs == "?" and value is True:
         return option.const
+    if isinstance(value, bytes):  # a sequence of numbers, too
+        raise _wrong_type(name, "text or numbers", value)
     text = str(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         text = ",".join(str(one) for one in value)

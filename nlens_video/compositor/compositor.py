@@ -15,6 +15,7 @@ from nlens_video.compositor.arguments import (
     as_fit,
     as_lens,
     as_objects,
+    as_path,
     as_time,
     check_settings,
     in_python,
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from nlens_video.core.layers import Picture
 
 R = TypeVar("R")
-_CHECKED = ("fit", "aperture", "budget_ms")  # take more than an option's text, or checked apart
+_CHECKED = ("fit", "aperture")  # take more than an option's text
 
 
 class Compositor:
@@ -158,10 +159,10 @@ class Compositor:
     ) -> None:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
-            check_settings(fps, pixel_aspect, budget_ms, track_focus)
+            check_settings(fps, pixel_aspect, track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
             request = as_lens(args, fps=fps, fit=fit, aperture=aperture, optics=optics)
-            objects, profiler = as_objects(glb, args), Profiler(budget_ms)
+            objects, profiler = as_objects(glb, args), Profiler(args.budget_ms)
             self._loop = FrameLoop(objects, request, fps, pixel_aspect, profiler)
         self._thread = OwnThread(self._loop.close)
 
@@ -259,10 +260,12 @@ class Compositor:
             glb: as at the beginning; a path keeps camera and ground height as they were given.
 
         Raises:
+            UsageError: neither a path nor settings.
             SceneError: the GLB cannot be used; raised at the next frame.
         """
-        objects = replace(self._loop.objects, glb=Path(glb)) if isinstance(glb, str | Path) else glb
-        self._call(lambda: self._loop.swap(objects))
+        if not isinstance(glb, ObjectSettings):
+            glb = replace(self._loop.objects, glb=as_path(glb))
+        self._call(lambda: self._loop.swap(glb))
 
     def show(self) -> Shown:
         """The last composite, the lens and what runs, as a notebook draws them."""

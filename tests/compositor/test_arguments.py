@@ -26,6 +26,7 @@ FILES_AND_STREAMS = {
     "keep_partial", "as_chunk", "resume", "reconnect", "late", "hold_budget", "overwrite", "frame",
     "marker", "person_height", "person", "ignore_lines",
 }  # fmt: skip
+DEFAULTS = set(PARAMETERS) - {"at", "fit"} | {"optics"}
 OF_SEVERAL_OBJECTS = {"others", "keys", "interpolation"}  # in `ObjectSettings`
 TALK = {
     "help", "version", "verbose", "quiet", "json", "no_progress", "progress_lines", "plan",
@@ -124,6 +125,35 @@ def test_errors_name_parameters_instead_of_command_line_flags(bare, options, wor
     with pytest.raises(UsageError) as failed:
         Compositor(bare, **options)
     assert words in str(failed.value) and "--" not in str(failed.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("aperture", 3), ("aperture", b"7"), ("optics", 3), ("optics", {"distortion": (0.1, 0.0)}),
+        ("fit", 3), ("glb", None), ("glb", b"x.glb"), ("glb", 3), ("preset", b"draft"),
+        ("vignetting", b"1"), ("env_map", b"sky.hdr"),
+    ],
+)  # fmt: skip
+def test_argument_of_another_type_is_named(bare, name, value):
+    with pytest.raises(UsageError, match=f"^{name} takes .*, not {type(value).__name__}$"):
+        Compositor(**{"glb": bare, name: value})
+
+
+def test_another_object_of_no_path_is_refused_when_it_is_given(bare):
+    with Compositor(bare, preset="draft") as lens:
+        for glb in (None, b"x.glb"):
+            with pytest.raises(UsageError, match="glb takes the path of a file, or ObjectSettings"):
+                lens.swap(glb)
+
+
+def test_none_takes_the_default(bare):
+    with (
+        Compositor(bare, at=(0.5, 0.8), fit=FIT, **dict.fromkeys(DEFAULTS)) as lens,
+        Compositor(bare, at=(0.5, 0.8), fit=FIT) as plain,
+    ):
+        assert (lens._loop.lens, lens._loop.objects) == (plain._loop.lens, plain._loop.objects)
+        assert lens.timings == plain.timings
 
 
 def test_object_keywords_and_object_settings_exclude_each_other(bare):
