@@ -25,11 +25,11 @@ from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.bounce import bounce, sent_light
 from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
 from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
 from nlens_video.scene.patches import PosedPatches
 
-_MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 _COARSE = 4  # contact darkening and shadows of unsure lamps are smooth: step of their grid [px]
 _FINER, _FEW = 2, 16384  # for thin legs: step where that takes no more samples than so many
 _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
@@ -97,7 +97,7 @@ class CastShadow:
             sources.append(LightSamples.of_sky(light.ambient, self.ambient_directions))
         frame = Box(0, 0, camera.width, camera.height)
         _, most = ground_blur(camera, ground_y, frame, fit)
-        seen = frame.expanded(math.ceil(min(0.5 * most, _MARGIN_LIMIT_PX)))
+        seen = frame.expanded(blur_margin(most, camera))
 
         def reach(points: Float64) -> Box:
             return reduce(Box.union, (reached(occluder, points, seen) for occluder in standing))
@@ -240,6 +240,15 @@ def _coarse_grid(box: Box, step: int) -> Grid:
     """A grid for what is smooth, no finer than a step."""
     finer = box.width * box.height <= _FEW * _FINER**2
     return Grid.on(box, max(step, _FINER) if finer else _COARSE)
+
+
+def blur_margin(coc_px: float, camera: Camera) -> int:
+    """How far beyond the frame the lens spreads light into it, by its greatest CoC diameter [px].
+
+    The CoC counts in columns; a disc spans more rows where pixels are wider than high.
+    """
+    aspect = camera.fy / camera.fx
+    return math.ceil(min(0.5 * coc_px * max(1.0, aspect), furthest_reach(aspect)))
 
 
 def coarsest_step(least_px: float) -> int:

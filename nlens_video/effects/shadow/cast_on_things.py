@@ -7,7 +7,6 @@ turned: a wall that faces away from the sun loses nothing by a shadow.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,11 +16,12 @@ import numpy as np
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Grid, Shadow, pixels_of
-from nlens_video.effects.shadow.cast import BLACKEST, Moment, coarsest_step
+from nlens_video.effects.shadow.cast import BLACKEST, Moment, blur_margin, coarsest_step
 from nlens_video.effects.shadow.casters import Occluder
 from nlens_video.effects.shadow.light_views import SampledCasters
 from nlens_video.effects.shadow.seen_lights import COARSE, SeenLights
 from nlens_video.effects.shadow.things import Things
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
 
 _SEARCH = 8  # step of the grid on which the shadow is looked for [px]
@@ -29,7 +29,6 @@ _ON_GROUND = 0.2
 # Share of the plane's shadow on pixels that show the plane, from which on a depth map shows the
 # ground, too. Else it may be of things alone before a backdrop: what is farther is not believed.
 _CONTEXT_PX = 8  # around a region, in which normals are fitted [px]
-_MARGIN_LIMIT_PX = 256  # no kernel spreads farther
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +93,7 @@ class CastOnThings:
         loss *= np.float32(self.strength)
         np.minimum(loss, np.float32(BLACKEST), out=loss)
         coc = np.zeros(off.shape, np.float32) if fit is None else fit.coc_px(seen.disparity)
-        return _merged(on_plane, _Patch(grid.box, loss, coc, off), frame)
+        return _merged(on_plane, _Patch(grid.box, loss, coc, off), camera)
 
 
 def _shows_ground(sparse: Things, on_plane: Shadow | None) -> bool:
@@ -128,10 +127,11 @@ class _Patch:
     coc_px: Float32
     off: Bool
 
-    def beyond(self, frame: Box) -> _Patch:
+    def beyond(self, camera: Camera) -> _Patch:
         """Continued over the border of the frame, from where the lens still spreads it inwards."""
         largest = float(np.abs(self.coc_px[self.off]).max(initial=0.0))
-        reach, box = math.ceil(min(0.5 * largest, _MARGIN_LIMIT_PX)), self.box
+        reach, box = blur_margin(largest, camera), self.box
+        frame = Box(0, 0, camera.width, camera.height)
         sides = (
             (reach * (box.y0 == frame.y0), reach * (box.y1 == frame.y1)),
             (reach * (box.x0 == frame.x0), reach * (box.x1 == frame.x1)),
@@ -145,11 +145,11 @@ class _Patch:
         )  # fmt: skip
 
 
-def _merged(on_plane: Shadow | None, patch: _Patch, frame: Box) -> Shadow | None:
+def _merged(on_plane: Shadow | None, patch: _Patch, camera: Camera) -> Shadow | None:
     """The shadow on the ground, but that on things where they are."""
     if not patch.off.any():
         return on_plane
-    patch = patch.beyond(frame)
+    patch = patch.beyond(camera)
     box = patch.box if on_plane is None else patch.box.union(on_plane.box)
     loss = np.zeros((box.height, box.width, 3), np.float32)
     coc = np.zeros((box.height, box.width), np.float32)

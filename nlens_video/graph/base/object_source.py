@@ -17,7 +17,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Shutter
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.motion_blur import NEGLIGIBLE_SPAN_PX
-from nlens_video.graph.base.view import MARGIN_LIMIT_PX, ScreenBounds, View, bounds_near_frame
+from nlens_video.graph.base.view import ScreenBounds, View, bounds_near_frame
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -160,8 +161,9 @@ class RenderedObject(ObjectSource):
         margin = self.view.overscan_px
         if fit is not None:
             ends = np.array([1 / bounds.nearest, 1 / bounds.farthest], np.float32)
-            reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, self.view.pixel_aspect)
-            margin += math.ceil(min(reach, MARGIN_LIMIT_PX)) + 1
+            aspect = self.view.pixel_aspect
+            reach = 0.5 * float(np.abs(fit.coc_px(ends)).max()) * max(1.0, aspect)
+            margin += math.ceil(min(reach, furthest_reach(aspect))) + 1
         return self.renderer.render(
             bounds.time_s, bounds.camera, margin, plate_light=bounds.plate_light
         )

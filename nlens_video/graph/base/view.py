@@ -17,13 +17,13 @@ from nlens_video.core.errors import NoGroundError, Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placement, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.screen_projection import extent, misses
 
-MARGIN_LIMIT_PX = 256  # the most that is rendered beyond the frame: no kernel spreads farther
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
 
 _BELOW, _SIZE_BELOW = (0.5, 0.85), 0.35
@@ -212,7 +212,7 @@ def _with_solved_camera(
 def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
     """Bounds of an object at a moment [s]; None when it misses the frame and all that blurs in."""
     camera = view.camera_at(scene, time_s)
-    surroundings = view.box.expanded(MARGIN_LIMIT_PX)
+    surroundings = view.box.expanded(furthest_reach(view.pixel_aspect))
     if misses(scene.hull(time_s), camera, surroundings):
         return None  # without moving a vertex
     bounds = _bounds(scene.pose(time_s), camera)
