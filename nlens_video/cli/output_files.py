@@ -67,7 +67,7 @@ def uses(args: Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
         value = getattr(args, option.attribute, None)
         for given in value if isinstance(value, list) else [value]:
             path = None if given is None else local_path(str(given))
-            if path is None or (files.or_word and not path.suffix):
+            if path is None or files.is_word(path):
                 continue
             if files.of is not None:
                 path = files.of(path)

@@ -30,7 +30,7 @@ class Files:
         of: the path that is meant, from the one that is named; None: that one.
         when: an option that must be given for this to hold, `!` before it for one that must not;
             empty: it always holds.
-        or_word: whether a value without a suffix is a name of another kind, such as a preset's.
+        or_word: whether a value may be of another kind too, such as a preset's name.
     """
 
     role: Literal["reads", "writes"]
@@ -44,6 +44,10 @@ class Files:
         """Whether `when` is fulfilled."""
         given = bool(getattr(args, self.when.lstrip("!"), False))
         return not self.when or given != self.when.startswith("!")
+
+    def is_word(self, path: Path) -> bool:
+        """Whether a value is of the other kind: without a suffix, as `6:15:0.2` is too."""
+        return self.or_word and not path.suffix[1:2].isalpha()
 
 
 CHUNKS = ("*.nut", "fit-*.json", "front-*.npz")

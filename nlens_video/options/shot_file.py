@@ -245,4 +245,4 @@ def _from_here(row: Option, word: str, folder: Path, *, device: bool) -> str:
 def place_of(row: Option, word: str) -> Path | None:
     """The path that a word names, if any."""
     place = local_path(word) if row.files and word else None
-    return None if place is None or (row.files[0].or_word and not place.suffix) else place
+    return None if place is None or row.files[0].is_word(place) else place

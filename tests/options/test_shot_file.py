@@ -223,5 +223,10 @@ def test_missing_shot_file_is_told():
         parse(["none.toml"])
 
 
+def test_aperture_by_its_blades_is_no_file(tmp_path):
+    path = shot(tmp_path, WHOLE + '[lens]\naperture = "6:15:0.2"\n')
+    assert parse([path]).aperture == "6:15:0.2"
+
+
 def test_switched_off_options_are_not_given(tmp_path):
     assert parse([shot(tmp_path, WHOLE.replace("loop = true", "loop = false"))]).loop is False
