@@ -86,7 +86,7 @@ def mark_of(settings: Settings) -> ChunkMark:
         InputError: a file cannot be read.
     """
     if settings.hold_budget:
-        raise UsageError("--adaptive-quality: what it writes depends on the machine; leave it out")
+        raise UsageError("--hold-budget: what it writes depends on the machine; leave it out")
     if not can_be_read_again(settings.source.spec):
         raise UsageError(
             f"{settings.source.spec}: chunks are made of a file or a sequence, which can be read "

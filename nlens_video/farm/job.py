@@ -141,8 +141,10 @@ def check_chunkable(settings: Settings) -> OutputSettings:
     Raises:
         UsageError: an option or the output does not allow it.
     """
+    first, end = settings.source.frames
+    ranged = "--range or --frame" if end == first + 1 else "--range"
     for option, given in (
-        ("--range", settings.source.frames != (0, None)),
+        (ranged, (first, end) != (0, None)),
         ("--report", settings.report is not None),
         ("--aov", settings.aov is not None),
         ("--timings", settings.timings is not None),

@@ -15,6 +15,7 @@ from support import shots
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError
 from nlens_video.farm import job
+from nlens_video.farm.chunk import mark_of
 from nlens_video.farm.job import prepare, ranges, run_job
 from nlens_video.farm.store import Folder
 from nlens_video.networks.device import why_no_cuda
@@ -218,8 +219,17 @@ def test_chunk_ranges_cover_every_frame_once():
 
 
 def test_farm_refuses_options_of_single_runs(shot, tmp_path):
-    for more in (["--range", "2:4"], ["--timings", "t.json"], ["--report", "r"]):
+    named = {"--frame": "--range or --frame"}
+    for more in (["--range", "2:4"], ["--frame", "3"], ["--timings", "t.json"], ["--report", "r"]):
         run = settings(parse(["farm", *arguments(shot, "no.mkv", *more)]))
-        with pytest.raises(UsageError, match=f"{more[0]}: chunks are made of all frames"):
+        said = f"^{named.get(more[0], more[0])}: chunks are made of all frames"
+        with pytest.raises(UsageError, match=said):
             run_job(run, tmp_path, 1.0, None)
     assert not list(Path(tmp_path).iterdir())
+
+
+def test_farm_refuses_what_depends_on_the_machine_by_the_name_of_the_help(shot, tmp_path):
+    for given in ("--hold-budget", "--adaptive-quality"):
+        run = settings(parse(["farm", *arguments(shot, "no.mkv", given)]))
+        with pytest.raises(UsageError, match="^--hold-budget: what it writes depends"):
+            mark_of(run)
