@@ -43,10 +43,6 @@ class Shape:
     coc_px: float
     slope: tuple[float, float]
 
-    def coc_at(self, x: float, y: float) -> float:
-        """Signed CoC diameter at a point of the pinhole picture [px]."""
-        return self.coc_px + self.slope[0] * x + self.slope[1] * y
-
 
 # Of every shape: mask, texture, CoC at the corner with its slope (n, 3), and the bounds of what can
 # be seen of it (n, 4) [px].

@@ -14,20 +14,7 @@ def with_error(value: float, error: float) -> str:
     """
     if not (error > 0.0 and math.isfinite(error) and math.isfinite(value)):
         return f"{value:.4g}"
-    decimals = _decimals(error)
+    decimals = min(1 - math.floor(math.log10(error)), _MOST_DECIMALS)
     if decimals < 0:
         return f"{round(value, decimals):.0f} ± {round(error, decimals):.0f}"
     return f"{value:.{decimals}f} ± {error:.{decimals}f}"
-
-
-def to_error(value: float, error: float) -> str:
-    """The value of `with_error` alone, rounded to the error's first digit."""
-    if not (error > 0.0 and math.isfinite(error) and math.isfinite(value)):
-        return f"{value:.3g}"
-    decimals = _decimals(error) - 1
-    return f"{round(value, decimals):.{max(decimals, 0)}f}"
-
-
-def _decimals(error: float) -> int:
-    """Decimals up to the second digit of an error > 0."""
-    return min(1 - math.floor(math.log10(error)), _MOST_DECIMALS)

@@ -91,15 +91,6 @@ PICTURES: Mapping[str, Callable[[Float32], Float32]] = {
 """Display-coded picture in [0, 1] (H, W, 3) to another, perhaps of another size, by row."""
 
 
-def camera_at_size(camera: Camera, width: int, height: int) -> Camera:
-    """The same camera on a frame of another size."""
-    across, down = width / camera.width, height / camera.height
-    return replace(
-        camera, fx=camera.fx * across, fy=camera.fy * down, cx=camera.cx * across,
-        cy=camera.cy * down, width=width, height=height,
-    )  # fmt: skip
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuessedCamera:
     """A camera with a wrong field of view, and where its user puts the object.

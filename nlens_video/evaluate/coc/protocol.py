@@ -19,7 +19,6 @@ from nlens_video.evaluate.coc.baselines import BASELINES, NOTE, SCALED, best_fac
 from nlens_video.evaluate.coc.conditions import (
     PICTURES,
     YFOV_RATIOS,
-    camera_at_size,
     guess_camera,
 )
 from nlens_video.evaluate.coc.stated import stated_figures, stated_table
@@ -175,7 +174,7 @@ class CocProtocol:
         footprint = project_to_ground(plate.triangles, plate.camera, plate.ground_y).mask
         for name, degrade in PICTURES.items():
             coc = estimate_coc(self._network, degrade(plate.rgb))
-            camera = camera_at_size(plate.camera, coc.coc_px.shape[1], coc.coc_px.shape[0])
+            camera = plate.camera.resized(coc.coc_px.shape[1], coc.coc_px.shape[0])
             ground = project_to_ground(plate.triangles, camera, plate.ground_y)
             fit = _attempt(_shipped(camera), coc, ground)
             fit = fit and fit.for_width(width, height)
