@@ -66,7 +66,7 @@ endef
 # apt-get does not run twice at once.
 .NOTPARALLEL:
 
-.PHONY: adapters hosts vapoursynth native sanitize demo test check lint fuzz gallery docs golden addon bench install system programs clean
+.PHONY: adapters hosts vapoursynth native sanitize demo test check lint fuzz gallery hard docs golden addon bench install system programs clean
 
 system:
 	@$(SYSTEM)
@@ -190,4 +190,4 @@ golden: install
 	$(BIN)/python benchmarks/golden.py
 
 clean:
-	rm -rf $(VENV) build dist site samples/out.mp4 samples/report
+	rm -rf $(VENV) .venv-bpy .venv-vapoursynth tests/studio/node_modules build dist site samples/out.mp4 samples/report

@@ -104,6 +104,20 @@ def test_make_targets_extras_and_scripts_named_in_documents_exist():
     assert scripts and all((ROOT / script).exists() for script in scripts)
 
 
+def test_make_targets_of_the_head_run_though_a_file_has_their_name():
+    makefile = (ROOT / "Makefile").read_text()
+    head = set(re.findall(r"^# make (\w+)", makefile, re.M))
+    (phony,) = re.findall(r"^\.PHONY: (.*)$", makefile, re.M)
+    assert head and head <= set(phony.split())
+
+
+def test_make_clean_removes_every_environment_that_targets_make():
+    makefile = (ROOT / "Makefile").read_text()
+    cleaned = re.search(r"^clean:\n\t(.*)$", makefile, re.M)[1].split()
+    made = set(re.findall(r"-m venv (\.venv-\w+)", makefile))
+    assert made and made | {"$(VENV)", "tests/studio/node_modules"} <= set(cleaned)
+
+
 @pytest.mark.slow
 @pytest.mark.needs_gl
 @pytest.mark.parametrize("page", ["README.md", "docs/python.md", "docs/adapters.md"])
