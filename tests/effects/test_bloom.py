@@ -83,6 +83,25 @@ def test_halo_has_the_colour_of_the_highlight():
     assert green == pytest.approx(red / 2, rel=1e-3) and blue == 0.0
 
 
+@pytest.mark.parametrize("length", [8.0, 20.0])
+def test_halo_does_not_depend_on_the_objects_box(length):
+    lens, frame = Bloom(share=0.2, length_px=length), Box(0, 0, 700, 600)
+
+    def halo(before, after):
+        box = Box(300 - before, 260 - before, 360 + after, 320 + after)
+        rgba = np.zeros((box.height, box.width, 4), np.float32)
+        rgba[20 + before : 40 + before, 20 + before : 40 + before] = (3.0, 3.0, 3.0, 1.0)
+        out = add_bloom(BlurredLayer(box=box, rgba=rgba), lens, frame)
+        whole = np.zeros((600, 700, 3), np.float32)
+        whole[out.box.slices_in(frame)] = out.rgba[..., :3]
+        return whole[200:380, 240:420]
+
+    plain = halo(0, 0)
+    for pad in range(1, 6):
+        np.testing.assert_allclose(halo(pad, 0), plain, atol=1e-5)
+        np.testing.assert_allclose(halo(0, pad), plain, atol=1e-5)
+
+
 def test_halo_stays_inside_the_frame():
     out = add_bloom(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
     assert out.box.intersection(FRAME) == out.box

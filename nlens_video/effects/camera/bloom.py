@@ -244,7 +244,7 @@ def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
     box = wide.intersection(frame)
     excess = np.clip(layer.rgba[..., :3] - np.float32(WHITE), 0.0, np.float32(WHITE))
     around = np.pad(excess, ((margin, margin), (margin, margin), (0, 0)))
-    halo = quick_halo(around, bloom.length_px)[box.slices_in(wide)]
+    halo = quick_halo(around, bloom.length_px, (wide.x0, wide.y0))[box.slices_in(wide)]
     rgba = np.zeros((box.height, box.width, 4), np.float32)
     rgba[layer.box.slices_in(box)] = layer.rgba
     rgba[..., :3] += np.float32(bloom.share) * halo
@@ -253,8 +253,7 @@ def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
 
 def halo_of(light: Float32, length_px: float) -> Float32:
     """Light (h, w) or (h, w, C) convolved with an exponential of decay length `length_px` [px]."""
-    border = cv2.BORDER_CONSTANT
-    return np.asarray(cv2.filter2D(light, cv2.CV_32F, _kernel(length_px), borderType=border))
+    return np.asarray(cv2.filter2D(light, -1, _kernel(length_px), borderType=cv2.BORDER_CONSTANT))
 
 
 def halo_by_spectrum(light: Float32, length_px: float) -> Float32:
@@ -286,15 +285,16 @@ def _kernel(length_px: float) -> Float32:
     return np.asarray(kernel / kernel.sum())
 
 
-def quick_halo(light: Float32, length_px: float) -> Float32:
-    """`halo_of` on a grid as coarse as the halo allows."""
+def quick_halo(light: Float32, length_px: float, corner: tuple[int, int] = (0, 0)) -> Float32:
+    """`halo_of` on a coarse grid of the frame, where `corner` is the light's column and row."""
     step = max(1, int(length_px / _COARSE_LENGTH))
     if step == 1:
         return halo_of(light, length_px)
-    height, width = light.shape[:2]
-    padded = np.pad(light, ((0, -height % step), (0, -width % step), (0, 0)))
-    rows, columns = padded.shape[0] // step, padded.shape[1] // step
-    small = cv2.resize(padded, (columns, rows), interpolation=cv2.INTER_AREA)
+    (height, width), (left, top) = light.shape[:2], (start % step for start in corner)
+    ends = (top, -(top + height) % step), (left, -(left + width) % step), (0, 0)
+    padded = np.pad(light, ends)
+    size = padded.shape[1], padded.shape[0]
+    small = cv2.resize(padded, (size[0] // step, size[1] // step), interpolation=cv2.INTER_AREA)
     halo = halo_of(np.asarray(small, np.float32), length_px / step)
-    size = (columns * step, rows * step)
-    return np.asarray(cv2.resize(halo, size, interpolation=cv2.INTER_CUBIC)[:height, :width])
+    fine = cv2.resize(halo, size, interpolation=cv2.INTER_CUBIC)
+    return np.asarray(fine[top:, left:][:height, :width])
