@@ -127,6 +127,8 @@ def read_layer(path: Path, size: tuple[int, int] | None = None) -> ObjectLayer:
     rgba = np.stack([image.channels[name] for name in "RGBA"], axis=2)
     if not np.isfinite(rgba).all():
         raise InputError(f"{path}: R G B A hold values that are not finite; render them again")
+    # a renderer's sharpening filter leaves the range: more than all of the plate would be hidden
+    np.clip(rgba[..., 3], 0.0, 1.0, out=rgba[..., 3])
     depth = image.channels["Z"]
     with np.errstate(invalid="ignore"):
         there = (depth > 0.0) & (depth < FAR)

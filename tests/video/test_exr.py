@@ -39,6 +39,15 @@ def test_exr_depth_of_empty_pixels_is_infinite(tmp_path, nothing):
     assert np.isfinite(depth).sum() == depth.size - 1
 
 
+def test_alpha_of_a_sharpening_filter_hides_no_more_than_all_of_the_plate(tmp_path):
+    made = channels()
+    made["A"][0, :3] = (1.5, -0.1, 0.25)
+    write_layers(tmp_path / "a.exr", made)
+    rgba = read_layer(tmp_path / "a.exr").rgba
+    assert rgba[0, :3, 3].tolist() == [1.0, 0.0, 0.25]
+    np.testing.assert_array_equal(rgba[..., 0], made["R"])
+
+
 def test_missing_exr_channel_is_named(tmp_path):
     made = channels()
     del made["Z"]
