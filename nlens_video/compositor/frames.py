@@ -20,7 +20,8 @@ Frames = TypeVar("Frames")
 """An array or a tensor, in a stream also one of PyAV's frames; results have the same type."""
 
 _WIDEST_PX = 640  # of the picture in a notebook
-_THIN = 8  # every so many rows and columns are tested for samples above 1
+_TYPES = (np.uint8, np.uint16, np.float32)  # that are composited in
+_THIN = 8  # every so many rows and columns of floats are tested
 
 
 def to_samples(frame: object, out: object = None) -> npt.NDArray[Any]:
@@ -33,7 +34,7 @@ def to_samples(frame: object, out: object = None) -> npt.NDArray[Any]:
         out: array that takes the copy, perhaps the frame itself; None for a new one.
 
     Raises:
-        InputError: floating samples that are not in [0, 1].
+        InputError: another sample type, or floating samples of which most are not in [0, 1].
         UsageError: neither an array nor a tensor, or an `out` that cannot take the copy.
     """
     if _is_tensor(frame):
@@ -49,18 +50,35 @@ def to_samples(frame: object, out: object = None) -> npt.NDArray[Any]:
         use = "; process_av takes PyAV's frames" if kind == "VideoFrame" else ""
         raise UsageError(f"process takes a numpy array or a torch tensor, not {kind}{use}")
     half = frame.dtype.kind == "f" and frame.dtype.itemsize == 2
-    if out is None:
-        result = frame.astype(np.float32 if half else frame.dtype.newbyteorder("="))
-    else:
-        result = _taking(frame, out)
-    if result.dtype == np.float32:
-        some = result[::_THIN, ::_THIN]
-        if 2 * np.count_nonzero(some > 1.0) > some.size:
-            raise InputError(
-                "most of the float samples exceed 1; expected [0, 1]: divide by the white level, "
-                "such as 255"
-            )
+    native = np.dtype(np.float32) if half else frame.dtype.newbyteorder("=")
+    if native not in _TYPES:
+        raise InputError(
+            f"a frame of {frame.dtype}; expected uint8, uint16, float32 or half precision"
+        )
+    result = frame.astype(native) if out is None else _taking(frame, out)
+    if native == np.float32 and frame.ndim > 1:
+        _check_floats(result[::_THIN, ::_THIN])
     return result
+
+
+def _check_floats(some: npt.NDArray[Any]) -> None:
+    """Refuse frames of another range. Single samples beyond it, or NaN, are as in a file's plate.
+
+    Args:
+        some: a part of the samples.
+
+    Raises:
+        InputError: most of them are not finite, or exceed 1.
+    """
+    if 2 * np.count_nonzero(np.isfinite(some)) < some.size:
+        raise InputError(
+            "most of the float samples are NaN or infinite; expected [0, 1]: look at what made them"
+        )
+    if 2 * np.count_nonzero(some > 1.0) > some.size:
+        raise InputError(
+            "most of the float samples exceed 1; expected [0, 1]: divide by the white level, "
+            "such as 255"
+        )
 
 
 def _taking(frame: npt.NDArray[Any], out: object) -> npt.NDArray[Any]:
@@ -71,7 +89,7 @@ def _taking(frame: npt.NDArray[Any], out: object) -> npt.NDArray[Any]:
     if (out.shape, out.dtype) != (frame.shape, frame.dtype) or not out.flags.writeable:
         locked = "" if out.flags.writeable else ", which is read-only"
         raise UsageError(f"out is {out.shape} of {out.dtype}{locked}; expected {wanted}")
-    if out.dtype not in (np.uint8, np.uint16, np.float32):
+    if out.dtype not in _TYPES:
         raise UsageError(f"out of {out.dtype} cannot be composited in place; leave it out")
     if out is not frame:
         np.copyto(out, frame)

@@ -315,10 +315,37 @@ def test_float_frames_of_0_to_255_are_refused_but_bright_light_is_not(lens):
     assert lens.process(bright, time=0.0).max() == 3.0
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_float_frames_of_no_numbers_are_refused_with_and_without_a_fit(lens, glb, value):
+    said = "most of the float samples are NaN or infinite"
+    frame = np.full(bgr().shape, value, np.float32)
+    with Compositor(glb) as unfitted, pytest.raises(InputError, match=said):
+        unfitted.process(frame)
+    with pytest.raises(InputError, match=said):
+        lens.process(frame.astype(np.float16))
+
+
+def test_single_samples_of_no_number_count_as_black_and_stay_beside_the_object(lens):
+    frame = bgr().astype(np.float32) / 255
+    frame[190:220] = 0.0
+    black = lens.process(frame, time=0.0)
+    frame[190:220] = np.nan
+    result = lens.process(frame, time=0.0)
+    kept = np.isnan(result)
+    assert 0.5 < kept[190:220].mean() < 1.0 and not kept[220:].any()
+    np.testing.assert_array_equal(result[~kept], black[~kept])
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.int32, bool])
 def test_unsupported_sample_types_are_refused(lens, dtype):
-    with pytest.raises(InputError, match="expected"):
+    with pytest.raises(InputError, match="expected uint8, uint16, float32 or half precision"):
         lens.process(bgr().astype(dtype))
+
+
+@pytest.mark.parametrize("shape", [(), (9,), (0, 0, 3), (4, 4, 2), (4, 4, 3, 1)])
+def test_floats_of_no_pictures_shape_are_refused(lens, shape):
+    with pytest.raises(InputError, match="expected"):
+        lens.process(np.zeros(shape, np.float32))
 
 
 def test_grey_16_bit_frames_keep_shape_and_type(lens):
