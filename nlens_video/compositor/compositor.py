@@ -57,8 +57,8 @@ class Compositor:
     and limits (`nlens-video render --help`); None takes the default.
 
     Args:
-        glb: the animated object; or `settings.ObjectSettings`, which hold what `camera` to
-            `ground_reflectance` say.
+        glb: the animated object; or `nlens_video.core.settings.ObjectSettings`, which hold what
+            `camera` to `ground_reflectance` say.
         preset: shipped pipeline's name or path of a pipeline file.
         fps: frames per second, for frames that come without a time [1/s].
         pixel_aspect: width of a pixel by its height, for frames that do not tell it [1].
@@ -68,7 +68,7 @@ class Compositor:
         budget_ms: what a frame may cost [ms].
         track_focus: `auto` follows a lens that changes, `off` keeps the first fit.
         device: where networks and kernels run.
-        aperture: its shape, as `--aperture` takes it or an `aperture.Aperture`.
+        aperture: its shape, as `--aperture` takes it, or a `nlens_video.core.optics.Aperture`.
         cat_eye: how much a cat's eye narrows it towards the corners, 0 to 1 [radius].
         lens: what is known of it, such as `50mm f/2.8 focus 2.4m sensor full-frame`.
         prefer: `near` or `far`: of two lenses that explain the plate, the one focused so.

@@ -138,10 +138,11 @@ class FrameLoop:
             self._stack.enter_context(self._session.render_context())
             self._stack.enter_context(WarmUp(self._session.nodes))
             self._size = size
-        if size != self._size:
+        if self._size is not None and size != self._size:
+            before = "{}x{}".format(*self._size)
             raise UsageError(
-                f"a frame of {size[0]}x{size[1]} after frames of {self._size}: one compositor "
-                "takes one size; make another for other frames"
+                f"a frame of {size[0]}x{size[1]} after frames of {before}: one compositor takes "
+                "one size; make another for other frames"
             )
         return self._session
 

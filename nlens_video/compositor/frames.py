@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -141,7 +141,7 @@ class Shown:
         plan: what runs, a line each.
     """
 
-    picture: bytes | None
+    picture: bytes | None = field(repr=False)
     size: tuple[int, int]
     fit: LensFit | None
     plan: tuple[str, ...]

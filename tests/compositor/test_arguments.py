@@ -1,8 +1,10 @@
 """The options of a `Compositor`: the command line's, under the same names."""
 
 import inspect
+import re
 import subprocess
 import sys
+from pydoc import locate
 
 import numpy as np
 import pytest
@@ -57,6 +59,11 @@ def test_every_command_line_option_about_frames_is_a_parameter_of_its_name():
     assert all(
         one.annotation is not inspect.Parameter.empty for one in signature.parameters.values()
     )
+
+
+def test_classes_that_a_description_names_lie_where_it_says():
+    named = re.findall(r"`([a-z_]+(?:\.[a-z_]+)*\.[A-Z]\w+)`", inspect.getdoc(Compositor))
+    assert len(named) == 2 and all(inspect.isclass(locate(name)) for name in named)
 
 
 def test_dir_of_the_package_lists_its_public_names():

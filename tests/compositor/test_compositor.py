@@ -251,6 +251,7 @@ def test_swapping_the_object_keeps_the_fit_and_the_time(lens, glb, tmp_path):
 def test_notebook_display_shows_picture_fit_and_plan(lens):
     assert "no frame yet" in lens.show()._repr_html_()
     lens.process(bgr())
+    assert len(repr(lens.show())) < 10_000 and "slope=24" in repr(lens.show())
     html = lens.show()._repr_html_()
     assert "data:image/jpeg;base64," in html and "coc_px = 24" in html and "scatter" in html
 
@@ -356,7 +357,7 @@ def test_grey_16_bit_frames_keep_shape_and_type(lens):
 
 def test_frames_of_another_size_are_refused(lens):
     lens.process(bgr())
-    with pytest.raises(UsageError, match="one size"):
+    with pytest.raises(UsageError, match="frame of 480x260 after frames of 480x270: one comp"):
         lens.process(bgr()[:-10])
 
 
