@@ -21,7 +21,7 @@ from starlette.responses import (
     Response,
 )
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket
 
 from nlens_video.core.errors import NlensError
 from nlens_video.studio.objects import object_files
@@ -36,6 +36,8 @@ _PAGE = files("nlens_video.studio").joinpath("page")
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _THUMBNAIL_PX = 128 * 96
 _MOST_BYTES = 1 << 20  # of a message of the page: a shot is a few hundred bytes
+_MOST_READ = 1 << 26  # of one that is too large: whoever still sends does not read the answer
+_MOST_FRAMES = 1 << 31
 Endpoint = Callable[[Request], Awaitable[Response]]
 
 
@@ -87,8 +89,8 @@ class Studio:
             Route("/shot", _telling(self._about)),
             Route("/save", _telling(self._save), methods=["POST"]),
             Route("/command", _telling(self._command), methods=["POST"]),
-            Route("/frame/{number:int}", _telling(self._frame)),
-            Route("/thumbnail/{number:int}", _telling(self._thumbnail)),
+            Route("/frame/{number}", _telling(self._frame)),
+            Route("/thumbnail/{number}", _telling(self._thumbnail)),
             Route("/render", _telling(self._render), methods=["POST", "DELETE"]),
             Route("/result", _telling(self._result)),
             WebSocketRoute("/live", self._live),
@@ -138,7 +140,9 @@ class Studio:
 
     async def _picture(self, frames: PlateFrames, request: Request) -> Response:
         number = request.path_params["number"]
-        frame = await run_in_threadpool(frames.frame, number)
+        if not (number.isdecimal() and len(number) < 10):
+            raise NlensError("expected the number of a frame")
+        frame = await run_in_threadpool(frames.frame, int(number))
         data = await run_in_threadpool(to_jpeg, frame.picture)
         return Response(data, media_type="image/jpeg")
 
@@ -166,12 +170,12 @@ class Studio:
         sender = asyncio.create_task(_send_all(socket, page.queue))
         try:
             while True:
-                text = await socket.receive_text()
-                wish = _wish(text)
+                message = await socket.receive()
+                if message["type"] == "websocket.disconnect":
+                    break
+                wish = _wish(message.get("text") or "")
                 if wish is not None:
                     self.previews.ask(page, wish, lambda answer: page.send(_packed(answer)))
-        except (WebSocketDisconnect, KeyError):
-            pass
         finally:
             self._pages.discard(page)
             self.previews.forget(page)
@@ -204,31 +208,42 @@ def _telling(endpoint: Endpoint) -> Endpoint:
 
 
 async def _tables(request: Request) -> dict[str, Any]:
-    body = b""
+    body, count = b"", 0
     async for part in request.stream():
-        body += part
-        if len(body) > _MOST_BYTES:
-            raise NlensError("the shot is too large")
-    try:
-        tables = json.loads(body)
-    except ValueError:
-        tables = None
+        count += len(part)
+        if count > _MOST_READ:
+            break
+        if count <= _MOST_BYTES:
+            body += part
+    if count > _MOST_BYTES:
+        raise NlensError("the shot is too large")
+    tables = _said(body)
     if not isinstance(tables, dict):
         raise NlensError("expected the shot's tables as JSON")
     return tables
+
+
+def _said(text: str | bytes) -> Any:  # noqa: ANN401  whatever JSON holds
+    """The content of JSON; None where it is none, or holds what no file of text can."""
+    try:
+        said = json.loads(text)
+        json.dumps(said, ensure_ascii=False).encode()  # half a surrogate pair is no text
+    except (ValueError, RecursionError):
+        return None
+    return said
 
 
 def _wish(text: str) -> Wish | None:
     """A message as a wish, None where it is none."""
     if len(text) > _MOST_BYTES:
         return None
+    said = _said(text)
     try:
-        said = json.loads(text)
         number, frame, kind = int(said["number"]), int(said["frame"]), said["kind"]
         tables = said["tables"]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, OverflowError, KeyError, TypeError):
         return None
-    if kind not in KINDS or not isinstance(tables, dict) or frame < 0:
+    if kind not in KINDS or not isinstance(tables, dict) or not 0 <= frame < _MOST_FRAMES:
         return None
     return Wish(number, tables, frame, kind)
 

@@ -10,7 +10,7 @@ from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
 from nlens_video.graph.base.objects_on_ground import load_scene
 from nlens_video.studio.address import Address
-from nlens_video.studio.shot_state import ShotState
+from nlens_video.studio.shot_state import Check, ShotState
 from nlens_video.studio.stage import Solve
 
 _DEFAULT = Path("shot.toml")
@@ -19,7 +19,7 @@ _LEAVE_S = 2  # for requests that still run when it ends
 
 def serve(
     plate: str | None, glb: Path | None, shot: Path | None, address: Address, solve: Solve,
-    *, browser: bool,
+    check: Check, *, browser: bool,
 ) -> None:  # fmt: skip
     """Print the page's address, and serve it until a signal arrives.
 
@@ -29,6 +29,7 @@ def serve(
         shot: the shot file that is edited, None for `shot.toml` in this folder.
         address: where it listens.
         solve: solves the plate's camera.
+        check: as of `ShotState`.
         browser: whether to open the page in a browser.
 
     Raises:
@@ -45,7 +46,7 @@ def serve(
         raise UsageError(
             f"nlens-video studio needs {error.name}; pip install 'nlens-video[studio]'"
         ) from error
-    state = ShotState.opened(_chosen(shot, plate, glb), plate, glb)
+    state = ShotState.opened(_chosen(shot, plate, glb), plate, glb, check)
     load_scene(state.settings(state.tables).scene)  # a file that is wrong is told at once
     token = new_token()
     with address.listen() as listening, closing(Studio(state, token, solve)) as studio:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import shlex
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -19,6 +21,8 @@ from nlens_video.options.to_settings import settings
 from nlens_video.video.named_files import local_path
 
 _MOST_MAPS = 100
+Check = Callable[[argparse.Namespace], None]
+"""Raises a NlensError where a parsed command line would write over what it reads."""
 _WRITES = {row.attribute for row in ROWS for file in row.files if file.role == "writes"}
 
 
@@ -29,23 +33,28 @@ class ShotState:
     Attributes:
         path: the shot file; it need not exist yet.
         tables: as they were at the start, or were saved last.
+        check: what the command line checks of its files before it runs.
     """
 
     path: Path
     tables: Tables
+    check: Check = lambda args: None
     _own: set[Path] = field(init=False)
 
     def __post_init__(self) -> None:
         self._own = {one.resolve() for one in files_by(self.tables, self.path).values()}
 
     @classmethod
-    def opened(cls, path: Path, plate: str | None, glb: Path | None) -> ShotState:
+    def opened(
+        cls, path: Path, plate: str | None, glb: Path | None, check: Check = lambda args: None
+    ) -> ShotState:
         """The shot of a file that is there, or a new one.
 
         Args:
             path: the shot file.
             plate: the plate; None: that of the file.
             glb: the object; None: that of the file.
+            check: as of the class.
 
         Raises:
             UsageError: the file is no shot file, or it must exist and does not.
@@ -57,10 +66,10 @@ class ShotState:
             tables.setdefault("plate", {})["file"] = _from(path.parent, str(plate))
         if glb is not None:
             first_object(tables)["file"] = _from(path.parent, str(glb))
-        state = cls(path, tables)
+        state = cls(path, tables, check)
         if "file" not in tables.get("output", {}) and "file" in tables.get("plate", {}):
             tables.setdefault("output", {})["file"] = _result_name(str(tables["plate"]["file"]))
-            state = cls(path, tables)
+            state = cls(path, tables, check)
         state.settings(tables)
         return state
 
@@ -71,18 +80,17 @@ class ShotState:
             UsageError: it is no shot, or names a file that is neither one of the shot's own nor in
                 its folder.
         """
-        args = _parser().parse_args(self._words(tables))
-        args.command = "render"
-        return settings(args)
+        return settings(self._parsed(tables))
 
     def command(self, tables: Tables) -> str:
         """A line for a shell of this machine that renders it, in any folder, without the shot file.
 
         Raises:
             UsageError: as `settings`.
+            OutputError: it would write over what it reads.
         """
-        self._words(tables)  # which checks them; here they are by names from the shot's folder
-        words = words_by(tables, Path(self.path.name))
+        self._check_run(tables)
+        words = words_by(tables, Path(self.path.name))  # by names from the shot's folder
         folder = shlex.join(["cd", str(self.path.parent.resolve())])
         return f"{folder} && {shlex.join(['nlens-video', *words])}"
 
@@ -91,9 +99,9 @@ class ShotState:
 
         Raises:
             UsageError: as `settings`.
-            OutputError: it cannot be written.
+            OutputError: it cannot be written, or what it says would write over what it reads.
         """
-        self.settings(tables)
+        self._check_run(tables)
         save_tables(self.path, tables)
         self.tables = tables
 
@@ -110,6 +118,17 @@ class ShotState:
         """Names of the maps of light in the shot's folder, a hundred at most."""
         files = (one for one in self.path.parent.iterdir() if one.suffix.lower() == ".hdr")
         return sorted(one.name for one in files if one.is_file())[:_MOST_MAPS]
+
+    def _check_run(self, tables: Tables) -> None:
+        """Refuse what the command line would not run."""
+        args = self._parsed(tables)
+        settings(args)
+        self.check(args)
+
+    def _parsed(self, tables: Tables) -> argparse.Namespace:
+        args = _parser().parse_args(self._words(tables))
+        args.command, args.shot_file = "render", self.path
+        return args
 
     def _words(self, tables: Tables) -> list[str]:
         words = words_by(tables, self.path)
