@@ -18,6 +18,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from nlens_video.core.box import Int64
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectLayer
 
 NEGLIGIBLE_SPAN_PX = 1.0
@@ -27,6 +28,7 @@ _REFOCUS_PX = 1.5  # largest change of the CoC that one blur of the mean stands 
 _NEAREST = 1e-9  # least depth, against division by 0 [scene unit]
 _SAMPLED_STEP_PX = 4.0  # what lies on the ground is soft or faint
 _SUB_STEPS = 8  # samples of the line filter by pixel
+_NOTHING = Box(0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,12 +41,16 @@ class Motion:
         refocus_px: largest change of the CoC diameter of a vertex [px].
         ways: mean motion of the vertices in each of an odd number of equal parts of the interval,
             columns and rows (K, 2) [px].
+        overscan: the frame and what is rendered beside it, empty where the object stays out of it.
+        beyond: the sharp object, where the filter brings some of it in from outside the frame.
     """
 
     span_px: float
     spread_px: float
     refocus_px: float
     ways: Float64
+    overscan: Box = _NOTHING
+    beyond: ObjectLayer | None = None
 
     @property
     def parts(self) -> list[range]:
@@ -140,42 +146,55 @@ def measure_motion(
     )
 
 
-def motion_blurred(layer: BlurredLayer, way_px: Float64, frame: Box) -> BlurredLayer:
+def motion_blurred(
+    layer: BlurredLayer, way_px: Float64, frame: Box, known: Box = _NOTHING
+) -> BlurredLayer:
     """A layer filtered along a straight line that is centred on it.
 
     Args:
-        layer: premultiplied, inside the frame.
+        layer: premultiplied, inside the frame or `known`.
         way_px: columns and rows (2,) [px].
-        frame: the frame's own box.
+        frame: the frame's own box, which bounds the result.
+        known: where the layer is whole, if that is more than the frame.
     """
-    kernel = line_kernel(way_px)
+    kernel = line_kernel(way_px, (frame.width, frame.height))
     rows, columns = (side // 2 for side in kernel.shape)
-    if layer.box.empty or not (rows or columns):
-        return layer
     held = layer.box
+    if held.empty or not (rows or columns):
+        return layer
+    known = known.union(frame)
     wide = Box(held.x0 - columns, held.y0 - rows, held.x1 + columns, held.y1 + rows)
     box = wide.intersection(frame)
+    if box.empty:
+        return BlurredLayer.nothing()
     source = cv2.copyMakeBorder(
         layer.rgba, rows, rows, columns, columns, cv2.BORDER_CONSTANT, value=(0, 0, 0, 0)
     )
-    # beyond the border of the frame the layer is extended
-    if held.x0 == frame.x0:
+    # beyond what is known the layer is extended
+    if held.x0 == known.x0:
         source[:, :columns] = source[:, columns : columns + 1]
-    if held.x1 == frame.x1 and columns:
+    if held.x1 == known.x1 and columns:
         source[:, -columns:] = source[:, -columns - 1 : -columns]
-    if held.y0 == frame.y0:
+    if held.y0 == known.y0:
         source[:rows] = source[rows : rows + 1]
-    if held.y1 == frame.y1 and rows:
+    if held.y1 == known.y1 and rows:
         source[-rows:] = source[-rows - 1 : -rows]
     out = cv2.filter2D(source, -1, kernel, borderType=cv2.BORDER_CONSTANT)
     return BlurredLayer(box=box, rgba=np.ascontiguousarray(out[box.slices_in(wide)]))
 
 
-def line_kernel(way_px: Float64) -> Float32:
-    """Line filter (2 * rows + 1, 2 * columns + 1) of a motion in columns and rows [px]; sum 1."""
+def line_kernel(way_px: Float64, most_px: tuple[int, int] | None = None) -> Float32:
+    """Line filter (2 * rows + 1, 2 * columns + 1) of a motion in columns and rows [px].
+
+    The sum is 1; less where the motion goes on beyond `most_px` columns or rows on each side, which
+    are left out. So the filter's size is bounded by the frame's.
+    """
     steps = max(1, math.ceil(_SUB_STEPS * float(np.abs(way_px).max())))
-    along = ((np.arange(steps) + 0.5) / steps - 0.5)[:, None] * way_px
+    places = np.arange(steps) if most_px is None else _within(steps, way_px, most_px)
+    along = ((places + 0.5) / steps - 0.5)[:, None] * way_px
     columns, rows = (math.ceil(0.5 * abs(float(way)) - 1e-9) for way in way_px)
+    if most_px is not None:
+        columns, rows = min(columns, most_px[0]), min(rows, most_px[1])
     kernel = np.zeros((2 * rows + 3, 2 * columns + 3))
     left, top = np.floor(along).astype(np.intp).T
     right_share, low_share = (along - np.floor(along)).T
@@ -184,6 +203,19 @@ def line_kernel(way_px: Float64) -> Float32:
             at = (top + down + rows + 1, left + across + columns + 1)
             np.add.at(kernel, at, row_share * column_share / steps)
     return kernel[1:-1, 1:-1].astype(np.float32)
+
+
+def _within(steps: int, way_px: Float64, most_px: tuple[int, int]) -> Int64:
+    """Those of equal steps of a way, centred on 0, that lie at most so many pixels off 0 [px]."""
+    share = min(
+        1.0,
+        *(
+            2.0 * most / max(abs(float(way)), 1e-9)
+            for most, way in zip(most_px, way_px, strict=True)
+        ),
+    )
+    half = 0.5 * share * steps
+    return np.arange(math.ceil(0.5 * steps - half), math.floor(0.5 * steps + half))
 
 
 def mean_layer(layers: Iterable[ObjectLayer | None]) -> ObjectLayer | None:

@@ -43,6 +43,20 @@ def test_object_within_reach_of_the_largest_disc_is_not_out_of_view(tmp_path, pi
     assert bounds_near_frame(far, view, 0.0) is None
 
 
+def test_object_far_out_half_way_counts_where_it_is_in_view_while_the_shutter_is_open(tmp_path):
+    builder = GlbBuilder()
+    mesh = builder.mesh((QUAD * 10.0 * DEPTH / FOCAL).astype(np.float32), QUAD_FACES)
+    node = builder.node(mesh=mesh)
+    builder.node(camera=builder.camera(2.0 * np.arctan(HEIGHT / 2 / FOCAL)))
+    columns = np.array([-700.0, 0.0])  # of the frame's middle, in a fiftieth of a second
+    way = np.stack([columns * DEPTH / FOCAL, 0.0 * columns, 0.0 * columns - DEPTH], axis=1)
+    builder.animation((node, "translation", [0.0, 0.02], way, "LINEAR"))
+    scene = Scene.load(builder.write(tmp_path / "passes.glb"))
+    bounds = bounds_near_frame(scene, View(width=WIDTH, height=HEIGHT, frame_s=0.04), 0.0)
+    assert bounds is not None and bounds.box.x1 < -500
+    assert bounds_near_frame(scene, View(width=WIDTH, height=HEIGHT, frame_s=0.01), 0.0) is None
+
+
 @pytest.mark.parametrize(("pixel_aspect", "margin"), [(1.0, 251), (2.0, 501)])
 def test_margin_of_a_disc_counts_its_rows_where_pixels_are_wide(tmp_path, pixel_aspect, margin):
     scene, view = card_above(tmp_path / "card.glb", 0.0, pixel_aspect)

@@ -65,8 +65,16 @@ class ObjectSource(ABC):
         """Bounds on a frame; None where they miss it and all that can blur into it."""
 
     @abstractmethod
-    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
-        """The sharp layer, as far beyond the frame as its blur reaches back into it."""
+    def render(
+        self, bounds: ScreenBounds, fit: LensFit | None, beyond_px: int = 0
+    ) -> ObjectLayer | None:
+        """The sharp layer, as far beyond the frame as its blur reaches back into it.
+
+        Args:
+            bounds: of the object on this frame.
+            fit: the lens, None where it is not known.
+            beyond_px: how much farther, where the object comes in while the shutter is open [px].
+        """
 
     def camera(self, time_s: float) -> Camera:
         """The camera at a moment of the plate [s]."""
@@ -156,9 +164,11 @@ class RenderedObject(ObjectSource):
             [self.camera(moment) for moment in moments],
         )
 
-    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
+    def render(
+        self, bounds: ScreenBounds, fit: LensFit | None, beyond_px: int = 0
+    ) -> ObjectLayer | None:
         """Render with a margin for what the lens spreads into the frame from outside."""
-        margin = self.view.overscan_px
+        margin = self.view.overscan_px + beyond_px
         if fit is not None:
             ends = np.array([1 / bounds.nearest, 1 / bounds.farthest], np.float32)
             aspect = self.view.pixel_aspect
@@ -200,7 +210,9 @@ class PrerenderedObject(ObjectSource):
             layer=layer,
         )
 
-    def render(self, bounds: ScreenBounds, fit: LensFit | None) -> ObjectLayer | None:
+    def render(
+        self, bounds: ScreenBounds, fit: LensFit | None, beyond_px: int = 0
+    ) -> ObjectLayer | None:
         """The layer that was read."""
         return bounds.layer
 

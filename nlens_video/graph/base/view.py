@@ -202,7 +202,11 @@ def _with_solved_camera(
     why = "a guess: no line or blur tells that this is ground" if guessed else "chosen"
     chosen = "" if wish.at else f" ({why}; --at X,Y and --size S place it elsewhere)"
     found, uncertain = what_was_found(solved), doubt(solved)
+    given = {"--at": wish.at, "--size": wish.size, "--height": wish.height_m}
+    option = next((name for name, value in given.items() if value is not None), "--yaw")
+    unused = f"the file's own camera is not used: {option} places the object"
     return replace(view, cameras=cameras), (
+        *([Note(unused, NoteKind.CAMERA)] if scene.camera_names else []),
         *([Note(found, NoteKind.INFORMATION)] if found else []),
         *([Note(uncertain, NoteKind.UNCERTAIN)] if uncertain else []),
         Note(f"placed by {said}{chosen}", NoteKind.UNCERTAIN if guessed else NoteKind.OTHER),
@@ -210,16 +214,32 @@ def _with_solved_camera(
 
 
 def bounds_near_frame(scene: Scene, view: View, time_s: float) -> ScreenBounds | None:
-    """Bounds of an object at a moment [s]; None when it misses the frame and all that blurs in."""
+    """Bounds of an object at a moment [s]; None when it misses the frame and all that blurs in.
+
+    What passes by quickly may be far off half way: it counts where it is seen half a frame's time
+    before or after, between which the shutter is open.
+    """
     camera = view.camera_at(scene, time_s)
     surroundings = view.box.expanded(furthest_reach(view.pixel_aspect))
-    if misses(scene.hull(time_s), camera, surroundings):
-        return None  # without moving a vertex
+    half_s = 0.5 * view.frame_s
+    ends = (time_s - half_s, time_s + half_s) if half_s > 0.0 else ()
+
+    def missed(moment: float) -> bool:
+        """Certainly, without moving a vertex."""
+        return misses(scene.hull(moment), view.camera_at(scene, moment), surroundings)
+
+    if misses(scene.hull(time_s), camera, surroundings) and all(map(missed, ends)):
+        return None
     bounds = _bounds(scene.pose(time_s), camera)
     if bounds is None:
         return None
     box, nearest, farthest = bounds
-    if box.intersection(surroundings).empty:
+
+    def seen(moment: float) -> bool:
+        there = _bounds(scene.pose(moment), view.camera_at(scene, moment))
+        return there is not None and not there[0].intersection(surroundings).empty
+
+    if box.intersection(surroundings).empty and not any(map(seen, ends)):
         return None
     return ScreenBounds(time_s=time_s, camera=camera, box=box, nearest=nearest, farthest=farthest)
 

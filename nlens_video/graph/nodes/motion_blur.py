@@ -19,6 +19,13 @@ from nlens_video.effects.motion_blur import (
     measure_motion,
     motion_blurred,
 )
+from nlens_video.effects.motion_overscan import (
+    farthest_px,
+    joined,
+    lens_beyond,
+    overscan,
+    strips,
+)
 from nlens_video.effects.planner import MOTION_BLUR
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.nodes.reblur import make_reblur
@@ -29,6 +36,7 @@ if TYPE_CHECKING:
     from nlens_video.graph.base.context import NodeContext
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.camera import Camera
+    from nlens_video.stages.l_reblur import ReblurLayer
 
 
 class MeasureMotion(Node):
@@ -47,6 +55,7 @@ class MeasureMotion(Node):
     def __call__(self, bounds: ScreenBounds, fit: LensFit | None) -> Motion | None:
         if self._objects.travel_bound_px(self._shutter.edges(bounds.time_s)) < NEGLIGIBLE_SPAN_PX:
             return None
+        view = self._objects.view
         shutter = self._objects.shutter_at(self._shutter, bounds.time_s)
         seen = [self._objects.places(moment) for moment in shutter.edges(bounds.time_s)]
         known = followed([places for places in seen if places is not None], bounds.camera)
@@ -54,7 +63,20 @@ class MeasureMotion(Node):
             return None
         disparity = np.array([1.0 / places[:, 2] for places in known], np.float32)
         coc_px = np.zeros(disparity.shape) if fit is None else fit.coc_px(disparity).astype(float)
-        return measure_motion([places[:, :2] for places in known], coc_px, self._most_moments)
+        places = [one[:, :2] for one in known]
+        motion = measure_motion(places, coc_px, self._most_moments)
+        if motion is None:
+            return None
+        reach = 0.5 * float(np.abs(coc_px).max(initial=0.0)) * max(1.0, view.pixel_aspect)
+        # one filter takes the layer of the middle, temporal samples those of the whole way
+        rendered = places if len(motion.ways) > 1 else places[1:2]
+        frame = view.box.expanded(view.overscan_px)
+        half_px = 0.5 * np.abs(motion.ways.mean(axis=0))
+        box = overscan(rendered, half_px, reach, frame)
+        beyond = None
+        if len(motion.ways) == 1 and (farther := farthest_px(box, frame)):
+            beyond = self._objects.render(bounds, fit, farther)
+        return replace(motion, overscan=box, beyond=beyond)
 
 
 def followed(seen: Sequence[Float64], camera: Camera) -> list[Float64]:
@@ -103,52 +125,83 @@ class RenderMotion(Node):
         self.description = "mean of temporal samples, blurred by the lens"
 
     def __call__(
-        self, bounds: ScreenBounds, moments: Motion, layer: ObjectLayer, frame_box: Box,
+        self, bounds: ScreenBounds, moments: Motion, layer: ObjectLayer | None, frame_box: Box,
         fit: LensFit | None,
     ) -> BlurredLayer:  # fmt: skip
+        if layer is None and moments.overscan.empty:
+            return BlurredLayer.nothing()
+        view = self._objects.view
+        farther = farthest_px(moments.overscan, view.box.expanded(view.overscan_px))
+        box = frame_box.union(moments.overscan) if farther else frame_box
+        lens = lens_beyond(self._reblur, frame_box, box) if farther else self._reblur
         shutter = self._objects.shutter_at(self._shutter, bounds.time_s)
         times = shutter.middles(bounds.time_s, len(moments.ways))
 
         def rendered(numbers: range) -> Iterator[ObjectLayer | None]:
             for number in numbers:
-                if number == len(times) // 2:
+                if number == len(times) // 2 and not farther:
                     yield layer
+                elif (there := self._objects.locate(0, times[number])) is None:
+                    yield None
                 else:
-                    yield self._rendered(times[number], bounds, fit)
+                    there = replace(there, plate_light=bounds.plate_light)
+                    yield self._objects.render(there, fit, farther)
 
         layers = [
-            self._blurred(mean_layer(rendered(numbers)), frame_box, fit)
-            for numbers in moments.parts
+            _blurred(mean_layer(rendered(numbers)), lens, fit, box) for numbers in moments.parts
         ]
         mean = mean_of_blurred(layers, [len(numbers) for numbers in moments.parts])
-        return motion_blurred(mean, moments.ways.mean(axis=0), frame_box)
+        return motion_blurred(mean, moments.ways.mean(axis=0), frame_box, box)
 
-    def _rendered(
-        self, time_s: float, bounds: ScreenBounds, fit: LensFit | None
-    ) -> ObjectLayer | None:
-        there = self._objects.locate(0, time_s)
-        if there is None:
-            return None
-        return self._objects.render(replace(there, plate_light=bounds.plate_light), fit)
 
-    def _blurred(
-        self, mean: ObjectLayer | None, frame_box: Box, fit: LensFit | None
-    ) -> BlurredLayer:
-        if mean is None:
-            return BlurredLayer.nothing()
-        if fit is not None:
-            defocused = object_coc(mean, fit)
-            if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:
-                return self._reblur(defocused, frame_box)
-        return crop_to_frame(mean, frame_box)
+def _blurred(
+    layer: ObjectLayer | None, lens: ReblurLayer, fit: LensFit | None, box: Box
+) -> BlurredLayer:
+    """A sharp layer through the lens, cut to a box."""
+    if layer is None:
+        return BlurredLayer.nothing()
+    if fit is not None:
+        defocused = object_coc(layer, fit)
+        if defocused.largest_coc_px >= NEGLIGIBLE_COC_PX:
+            return lens(defocused, box)
+    return crop_to_frame(layer, box)
 
 
 class MotionBlur(Node):
-    """Line-filter motion blur of the whole layer; not run where temporal samples were rendered."""
+    """Line-filter motion blur of the whole layer; not run where temporal samples were rendered.
+
+    What the motion brings in from beyond the frame passes the lens here.
+    """
 
     name, writes = "motion-blur", "blurred"
     effect, lane, skip_if = MOTION_BLUR, "composite", "moments"
-    description = "line filter along the mean motion"
 
-    def __call__(self, blurred: BlurredLayer, motion: Motion, frame_box: Box) -> BlurredLayer:
-        return motion_blurred(blurred, motion.ways[0], frame_box)
+    def __init__(self, context: NodeContext) -> None:
+        self._reblur = make_reblur(context)
+        self.description = "line filter along the mean motion"
+
+    def __call__(
+        self, blurred: BlurredLayer | None, motion: Motion, frame_box: Box, fit: LensFit | None
+    ) -> BlurredLayer | None:
+        way, beyond = motion.ways[0], motion.beyond
+        if beyond is None:
+            return blurred and motion_blurred(blurred, way, frame_box)
+        box = frame_box.union(motion.overscan)
+        parts = [] if blurred is None else [blurred]
+        for strip in strips(box, frame_box):
+            there = self._part(beyond, strip, fit)
+            lens = lens_beyond(self._reblur, frame_box, strip)
+            parts.append(_blurred(there, lens, fit, strip))
+        return motion_blurred(joined(parts), way, frame_box, box)
+
+    def _part(self, layer: ObjectLayer, strip: Box, fit: LensFit | None) -> ObjectLayer | None:
+        """What of a sharp layer the lens spreads into a strip; None for nothing."""
+        reach = 0
+        if fit is not None:
+            coc_px = object_coc(layer, fit).coc_px
+            reach = self._reblur.reach(coc_px, layer.rgba[..., 3], self._reblur.pixel_aspect)
+        box = strip.expanded(reach).intersection(layer.box)
+        if box.empty:
+            return None
+        at = box.slices_in(layer.box)
+        return ObjectLayer(box=box, rgba=layer.rgba[at], depth=layer.depth[at])
