@@ -48,7 +48,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                "start so many seconds into it", default=0.0,
                feeds="playback.offset_s", parameter=True),
     ),
-    "its place if the GLB has no camera (fractions of the frame)": (
+    "its place on the plate; the GLB's camera is then not used (fractions of the frame)": (
         Option("--at", PLACED, "X,Y", read.point,
                "contact with the ground, 0,0 (upper left) to 1,1",
                feeds="placing.at", parameter=True, often=True),
