@@ -1,13 +1,54 @@
 """The installed wheel, not only the checkout: built, installed into a new environment, run."""
 
 import os
+import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
+from support.folders import ROOT
 from support.installation import build_wheel, install
+
+
+@pytest.fixture(scope="module")
+def archive(tmp_path_factory):
+    """Names of the files of the source archive, and its size [byte]."""
+    folder = tmp_path_factory.mktemp("archive")
+    subprocess.run(
+        [sys.executable, "-m", "build", "--sdist", "--no-isolation", "-o", folder, ROOT],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    (built,) = folder.glob("*.tar.gz")
+    with tarfile.open(built) as content:
+        files = [one.name.partition("/")[2] for one in content if one.isfile()]
+    return set(files), built.stat().st_size
+
+
+@pytest.mark.slow
+def test_source_archive_holds_what_its_make_targets_need(archive):
+    names, size = archive
+    assert {
+        "Makefile", "hatch_build.py", "constraints.txt", "samples/in.mp4", "samples/anim.glb",
+        "docs/camera.md", "mkdocs.yml", "CONTRIBUTING.md", "SECURITY.md", "CITATION.cff",
+        ".ci/run", "nlens_video/native/CMakeLists.txt", "models/coc/coc.onnx",
+    } <= names  # fmt: skip
+    left_over = [one for one in names if "__pycache__" in one or "node_modules" in one]
+    assert not left_over and "samples/out.mp4" not in names
+    assert not any(one.endswith(".so") for one in names)
+    assert size < 50 << 20
+
+
+@pytest.mark.slow
+def test_source_archive_holds_every_file_of_the_repository(archive):
+    names, _ = archive
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("this is an unpacked archive itself, or there is no git")
+    listed = subprocess.check_output(["git", "-C", ROOT, "ls-files", "-z"], text=True)
+    kept = {one for one in listed.split("\0") if one and (ROOT / one).is_file()}
+    assert kept - names == set()
 
 
 @pytest.fixture(scope="module")
