@@ -75,6 +75,14 @@ class Camera:
             height=height,
         )
 
+    def about(self, origin: Float64 | None) -> Camera:
+        """The same camera in a world with a point (3,) as its origin; None: as it is."""
+        if origin is None:
+            return self
+        pose = self.world_from_camera.copy()
+        pose[:3, 3] -= origin
+        return replace(self, world_from_camera=pose)
+
     def cropped(self, box: Box) -> Camera:
         """The same camera on a box of its frame."""
         return replace(

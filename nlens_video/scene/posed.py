@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -28,17 +29,25 @@ class PosedMesh:
         positions: world positions (V, 3) [scene unit].
         normals: unit normals (V, 3) in the world, out of the surface.
         mirrored: whether faces appear clockwise from the front.
+        near: the same with the scene's `origin` as that of the world; None where it has none.
     """
 
     geometry: Geometry
     positions: Float32
     normals: Float32
     mirrored: bool
+    near: PosedMesh | None = None
 
     @property
     def faces(self) -> Int32:
         """Vertex indices of triangles (F, 3)."""
         return self.geometry.faces
+
+    def exact(self, origin: Float64 | None) -> Float64:
+        """World positions (V, 3), for the scene's `origin` [scene unit]."""
+        if self.near is None or origin is None:
+            return self.positions.astype(np.float64)
+        return self.near.positions + origin
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,15 +58,29 @@ class PosedScene:
         time_s: the time [s].
         meshes: primitives in the file's order; the order is the same at all times.
         lights: lights in the file's order.
+        origin: a point (3,) in the midst of a scene that lies so far from the world's origin that
+            float32 holds its positions badly; None for others [scene unit].
     """
 
     time_s: float
     meshes: tuple[PosedMesh, ...]
     lights: tuple[PosedLight, ...]
+    origin: Float64 | None = None
+
+    def about_origin(self) -> PosedScene:
+        """The same in a world with `origin` as its own, whose positions float32 holds well."""
+        if self.origin is None:
+            return self
+        lights = (replace(one, position=one.position - self.origin) for one in self.lights)
+        meshes = tuple(mesh.near or mesh for mesh in self.meshes)
+        return PosedScene(self.time_s, meshes, tuple(lights))
 
     def vertices(self) -> Float32:
-        """All world positions (V, 3) [scene unit]."""
-        return np.concatenate([mesh.positions for mesh in self.meshes])
+        """All world positions (V, 3); float64 where float32 holds them badly [scene unit]."""
+        if self.origin is None:
+            return np.concatenate([mesh.positions for mesh in self.meshes])
+        # few callers ask for the type, and those convert
+        return cast("Float32", np.concatenate([mesh.exact(self.origin) for mesh in self.meshes]))
 
     def triangles(self) -> tuple[Float32, Int32]:
         """All world positions (V, 3) [scene unit] and the faces (F, 3) that index them."""
@@ -111,18 +134,23 @@ class Instance:
         self._carried = np.zeros(count)
         np.add.at(self._carried, joints[held], kept[held])
 
-    def place(self, world: Float64, weights: Float64 | None) -> PosedMesh:
+    def place(
+        self, world: Float64, weights: Float64 | None, origin: Float64 | None = None
+    ) -> PosedMesh:
         """The geometry in the world; the very same object while nothing moves.
 
         Args:
             world: world matrices of all nodes (N, 4, 4).
             weights: animated morph weights (T,), or None for those of the file.
+            origin: as of `PosedScene`.
         """
         amounts = self.weights if weights is None else weights
         carriers = world[self.node] if self.skin is None else self.skin.matrices(world)
         key = carriers.tobytes() + amounts.tobytes()
+        if origin is not None:
+            key += origin.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = (key, self._deformed(carriers, amounts))
+            self._last = (key, self._placed(carriers, amounts, origin))
         return self._last[1]
 
     def boxes(self, weights: Float64 | None) -> tuple[list[int], Float64]:
@@ -170,6 +198,14 @@ class Instance:
                 ends = np.stack([target.min(axis=0), target.max(axis=0)]) * amount
                 reach += np.sort(ends, axis=0)
         return reach
+
+    def _placed(self, carriers: Float64, amounts: Float64, origin: Float64 | None) -> PosedMesh:
+        if origin is None:
+            return self._deformed(carriers, amounts)
+        moved = carriers.copy()
+        moved[..., :3, 3] -= origin
+        near = self._deformed(moved, amounts)
+        return replace(near, positions=(near.positions + origin).astype(np.float32), near=near)
 
     def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
         positions, normals = self._morphed(amounts)

@@ -24,7 +24,14 @@ from nlens_video.scene.gltf.nodes import Hierarchy, read_hierarchy, read_skins
 from nlens_video.scene.illumination import PosedLight, read_lights
 from nlens_video.scene.object_motion import ObjectMotion
 from nlens_video.scene.posed import PosedMesh, PosedScene
-from nlens_video.scene.scene_part import MAX_VERTICES, Moment, Moved, ScenePart, read_instances
+from nlens_video.scene.scene_part import (
+    MAX_VERTICES,
+    Moment,
+    Moved,
+    ScenePart,
+    far_origin,
+    read_instances,
+)
 
 _MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
 _Moments = tuple[Moment, ...]
@@ -47,6 +54,7 @@ class Scene:
     _moved: Callable[[_Moments], tuple[Moved, ...]] = field(init=False)
     _hull: Callable[[_Moments], Float64] = field(init=False)
     _posed: Callable[[_Moments], _Posed] = field(init=False)
+    _far: Callable[[], tuple[Float64 | None, tuple[str, ...]]] = field(init=False)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
@@ -55,6 +63,7 @@ class Scene:
         self._moved = lru_cache(_MOMENTS)(self._move)
         self._hull = lru_cache(_MOMENTS)(self._find_hull)
         self._posed = lru_cache(_MOMENTS)(self._pose)
+        self._far = lru_cache(1)(lambda: far_origin(self.parts, self.hull))
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -112,7 +121,7 @@ class Scene:
             raise SceneError(
                 f"more than {MAX_VERTICES} vertices in all objects; simplify their files"
             )
-        lines = [line for scene in (self, *others) for line in scene.warnings]
+        lines = [line for scene in (self, *others) for line in scene._warnings]
         return replace(self, parts=parts, _warnings=list(dict.fromkeys(lines)))
 
     def only(self, number: int) -> Scene:
@@ -124,11 +133,8 @@ class Scene:
 
     def with_motions(self, motions: Sequence[ObjectMotion | None]) -> Scene:
         """The same files, each standing or moving as a whole; None: as the file has it."""
-        parts = (
-            replace(part, motion=motion)
-            for part, motion in zip(self.parts, motions, strict=True)
-        )  # fmt: skip
-        return replace(self, parts=tuple(parts))
+        pairs = zip(self.parts, motions, strict=True)
+        return replace(self, parts=tuple(replace(part, motion=one) for part, one in pairs))
 
     @property
     def path(self) -> Path:
@@ -143,7 +149,7 @@ class Scene:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the file has that is not drawn or does not fit, one line each."""
-        return tuple(self._warnings)
+        return (*self._warnings, *self._far()[1])
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -166,11 +172,12 @@ class Scene:
             SceneError: no such node carries a mesh.
         """
         parts: list[Float64] = []
+        origin, _ = self._far()
         for part, moved in zip(self.parts, self._moved(self._moments(time_s)), strict=True):
             carried = None if node is None else part.carried_by(node)
-            for instance, mesh in zip(part.instances, part.meshes(moved), strict=True):
+            for instance, mesh in zip(part.instances, part.meshes(moved, origin), strict=True):
                 if carried is None or instance.node in carried:
-                    parts.append(mesh.positions.astype(np.float64)[mesh.faces])
+                    parts.append(mesh.exact(origin)[mesh.faces])
         if not parts:
             known = listed([name for part in self.parts for name in part.drawn_names()])
             there = f"expected one of {known}" if known else "its objects have no names"
@@ -209,11 +216,12 @@ class Scene:
 
         Before the first key of an animation they rest, and after its last unless it loops.
         """
-        return PosedScene(time_s, *self._posed(self._moments(time_s)))
+        return PosedScene(time_s, *self._posed(self._moments(time_s)), self._far()[0])
 
     def _pose(self, moments: _Moments) -> _Posed:
         standing = list(zip(self.parts, moments, self._moved(moments), strict=True))
-        meshes = tuple(mesh for part, _, moved in standing for mesh in part.meshes(moved))
+        origin, _ = self._far()
+        meshes = tuple(mesh for part, _, moved in standing for mesh in part.meshes(moved, origin))
         lights = (part.posed_lights(moment, moved) for part, moment, moved in standing)
         return meshes, tuple(chain.from_iterable(lights))
 

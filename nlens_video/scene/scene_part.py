@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import SceneError
+from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import Playback
 from nlens_video.scene.gltf.animations import Animation
@@ -22,6 +22,9 @@ from nlens_video.scene.posed import Hull, Instance, PosedMesh
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
+# Distances from the world's origin, in extents of a scene, from which on float32 holds positions
+# badly: to 1e-5 of the extent, and so badly that shadows may tremble.
+_FAR, _VERY_FAR = 256.0, 4096.0
 Moment = tuple[float, float]
 """Moments of a part's animation and of its motion as a whole [s]; equal ones show the same."""
 Moved = tuple[Float64, dict[int, Float64]]
@@ -93,10 +96,10 @@ class ScenePart:
             world = self.motion.at(time_s) @ world
         return world, self.animation.weights(played)
 
-    def meshes(self, moved: Moved) -> tuple[PosedMesh, ...]:
-        """Its primitives as `moved` has them."""
+    def meshes(self, moved: Moved, origin: Float64 | None = None) -> tuple[PosedMesh, ...]:
+        """Its primitives as `moved` has them; `origin` is that of `PosedScene`."""
         world, weights = moved
-        return tuple(one.place(world, weights.get(one.node)) for one in self.instances)
+        return tuple(one.place(world, weights.get(one.node), origin) for one in self.instances)
 
     def posed_lights(self, moment: Moment, moved: Moved) -> tuple[PosedLight, ...]:
         """Its lights as `moved` has them at that moment.
@@ -127,6 +130,33 @@ class ScenePart:
         """Names of nodes that carry a mesh."""
         names = dict.fromkeys(self.node_names[instance.node] for instance in self.instances)
         return (name for name in names if name)
+
+
+def far_origin(
+    parts: Sequence[ScenePart], hull: Callable[[float], Float64]
+) -> tuple[Float64 | None, tuple[str, ...]]:
+    """The `origin` of a `PosedScene`, the same at all times, and notes for the user.
+
+    Args:
+        parts: of the scene.
+        hull: as `Scene.hull`.
+    """
+    end_s = max(part.animation.duration_s for part in parts)
+    points = np.concatenate([hull(share * end_s) for share in (0.0, 0.5, 1.0)])
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent, middle = float((high - low).max()), 0.5 * (low + high)
+    away = float(np.abs(middle).max())
+    if not away > _FAR * extent > 0.0:
+        return None, ()
+    # a float32: what the file holds as such differs from it exactly
+    origin = middle.astype(np.float32).astype(np.float64)
+    if away <= _VERY_FAR * extent:
+        return origin, ()
+    line = (
+        f"coordinates of {away:.0f} units: the object is drawn where it is, its shadow only to "
+        f"within {np.spacing(np.float32(away)):.1g} units; move the scene nearer to its origin"
+    )
+    return origin, (Note(line, NoteKind.UNCERTAIN),)
 
 
 def _scaled(light: Light, scale: float) -> Light:

@@ -75,8 +75,8 @@ class Extent:
 
 def extent(posed: PosedScene, camera: Camera) -> Extent:
     """Bounds of all vertices; numbers that are not finite come through."""
-    lens = _frame_params(camera)
-    found = np.array([bounds(mesh.positions, lens) for mesh in posed.meshes])
+    lens = _frame_params(camera.about(posed.origin))
+    found = np.array([bounds(mesh.positions, lens) for mesh in posed.about_origin().meshes])
     low_x, low_y, nearest = (float(v) for v in found[:, 0::2].min(axis=0))
     high_x, high_y, farthest = (float(v) for v in found[:, 1::2].max(axis=0))
     return Extent(low=(low_x, low_y), high=(high_x, high_y), nearest=nearest, farthest=farthest)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import Self
 
 from nlens_video.core.errors import NlensError, Note, NoteKind
-from nlens_video.core.layers import BehindLayer, Box, Float32, ObjectLayer
+from nlens_video.core.layers import BehindLayer, Box, Float32, Float64, ObjectLayer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
@@ -100,7 +100,8 @@ class BoxRenderer(ABC):
                 another thread owns the context.
             SceneError: the animation scales the object beyond all numbers.
         """
-        posed, lighting = self._moment(time_s, plate_light)
+        posed, lighting, origin = self._moment(time_s, plate_light)
+        camera = camera.about(origin)
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._last is not None and self._last[0] == key:
             return self._last[1]
@@ -200,12 +201,12 @@ class BoxRenderer(ABC):
 
     def _moment(
         self, time_s: float, plate_light: Illumination | None
-    ) -> tuple[PosedScene, Lighting]:
-        """The object and its light at a time."""
+    ) -> tuple[PosedScene, Lighting, Float64 | None]:
+        """The object and its light at a time, about its `origin`, and that."""
         self._check()
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
-        posed = self._posed
+        posed = self._posed.about_origin()
         if posed.lights and plate_light is not None and plate_light.exposure != 1.0:
             self._say(
                 "the file's lights are far brighter than the plate's (in lux, as Blender exports "
@@ -216,7 +217,7 @@ class BoxRenderer(ABC):
             self._say(f"the sun's shadow leaves {share:.0f} % of the light, as the plate's own do")
         light = self._light.on_object(posed.lights, plate_light)
         mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
-        return posed, Lighting.of(light, mirrored=mirrored)
+        return posed, Lighting.of(light, mirrored=mirrored), self._posed.origin
 
     def _say(self, text: str) -> None:
         note = Note(text, NoteKind.INFORMATION)

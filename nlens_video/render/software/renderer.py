@@ -112,11 +112,11 @@ class SoftwareObjectRenderer(BoxRenderer):
 
         Threads that share the rows of one view would wait for each other after each pass.
         """
-        posed, lighting = self._moment(time_s, plate_light)
+        posed, lighting, origin = self._moment(time_s, plate_light)
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:
-            view = view_setup(posed, lighting, cameras[at], margin, nearest=nearest)
+            view = view_setup(posed, lighting, cameras[at].about(origin), margin, nearest=nearest)
             if view is None:
                 use(at, None)
                 return
