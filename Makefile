@@ -17,6 +17,7 @@
 
 PYTHON ?= python3
 VENV   ?= .venv
+DIST   ?= dist
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check -q
 NODE_PACKAGES := tests/studio/node_modules/.package-lock.json
@@ -181,10 +182,12 @@ bench: install
 	$(BIN)/python benchmarks/bench_scatter.py
 
 addon:
-	@mkdir -p dist
-	@rm -rf dist/nlens_video_blender.zip addons/blender/nlens_video_blender/__pycache__
-	@cd addons/blender && $(PYTHON) -m zipfile -c ../../dist/nlens_video_blender.zip nlens_video_blender
-	@echo "Install it in Blender: Edit > Preferences > Add-ons > Install: dist/nlens_video_blender.zip"
+	@rm -rf $(DIST)/nlens_video_blender.zip $(DIST)/addon && mkdir -p $(DIST)/addon
+	@cp -r addons/blender/nlens_video_blender $(DIST)/addon/ && rm -rf $(DIST)/addon/nlens_video_blender/__pycache__
+	@cp LICENSE $(DIST)/addon/nlens_video_blender/
+	@cd $(DIST)/addon && $(PYTHON) -m zipfile -c ../nlens_video_blender.zip nlens_video_blender
+	@rm -rf $(DIST)/addon
+	@echo "Install it in Blender: Edit > Preferences > Add-ons > Install: $(DIST)/nlens_video_blender.zip"
 
 golden: install
 	$(BIN)/python benchmarks/golden.py

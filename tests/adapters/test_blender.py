@@ -91,6 +91,18 @@ def test_missing_numpy_is_said(blender):
         assert "apt-get install python3-numpy" in said and "Traceback" not in said
 
 
+def test_camera_file_that_is_missing_or_damaged_is_one_line(blender, files):
+    (files / "garbage.glb").write_text("garbage")
+    damaged = {"asset": {"version": "2.0"}, "nodes": [{"mesh": 3}], "scenes": [{"nodes": [0]}]}
+    (files / "damaged.gltf").write_text(json.dumps({**damaged, "scene": 0}))
+    told = blender("bad cameras")
+    assert "missing.glb: there is no such file" in told["missing.glb"]
+    assert "garbage.glb: cannot be read as glTF" in told["garbage.glb"]
+    assert "damaged.gltf: cannot be read as glTF (it is damaged)" in told["damaged.gltf"]
+    for said in told.values():
+        assert said.strip().count("\n") == 0 and "Traceback" not in said
+
+
 def test_cancelled_run_leaves_nothing(blender):
     told = blender("cancel")
     assert not told["left"]

@@ -93,6 +93,17 @@ def refused(scene):
     return {}
 
 
+def refused_cameras(scene):
+    """Import what holds no camera, or is no glTF; what is said of each."""
+    told = {}
+    for name in ("missing.glb", "garbage.glb", "damaged.gltf"):
+        try:
+            bpy.ops.nlens.import_camera(filepath=folder + "/" + name)
+        except RuntimeError as error:
+            told[name] = str(error)
+    return told
+
+
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.preferences.addon_install(filepath=archive)
 bpy.ops.preferences.addon_enable(module="nlens_video_blender")
@@ -110,6 +121,6 @@ for one in scene.objects:
     one.select_set(one.type == "MESH")
 doing = {
     "cancel": cancelling, "layers": layers, "no layers": refused, "other layers": refused,
-    "no numpy": without_numpy,
+    "no numpy": without_numpy, "bad cameras": refused_cameras,
 }  # fmt: skip
 print("TOLD" + json.dumps(doing.get(what, compositing)(scene)))

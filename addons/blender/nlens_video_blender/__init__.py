@@ -11,7 +11,7 @@ bl_info = {
     "name": "nlens-video",
     "description": "Puts the selected objects into the plate as if its lens had filmed them",
     "author": "nlens-video",
-    "version": (1, 0, 0),
+    "version": (0, 1, 0),
     "blender": (3, 4, 0),
     "location": "3D View > Sidebar > nlens-video",
     "category": "Compositing",
@@ -138,13 +138,12 @@ class NLENS_OT_import_camera(bpy.types.Operator, ImportHelper):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Import, and make its camera the scene's."""
+        before = set(context.scene.objects)
         try:
-            plate.need_numpy()
+            plate.import_scene(Path(bpy.path.abspath(self.filepath)))
         except ValueError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        before = set(context.scene.objects)
-        bpy.ops.import_scene.gltf(filepath=self.filepath)
         cameras = [one for one in set(context.scene.objects) - before if one.type == "CAMERA"]
         if not cameras:
             self.report({"ERROR"}, f"{self.filepath}: no camera in it")

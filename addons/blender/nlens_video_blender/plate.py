@@ -87,6 +87,23 @@ def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
     return target
 
 
+def import_scene(path: Path) -> None:
+    """Read a glTF file by Blender's own importer.
+
+    Raises:
+        ValueError: the importer lacks numpy, or the file is missing or damaged.
+    """
+    need_numpy()
+    if not path.is_file():
+        raise ValueError(f"{path}: there is no such file")
+    try:
+        bpy.ops.import_scene.gltf(filepath=str(path))
+    except RuntimeError as error:  # what the importer refuses, or its whole traceback
+        said = str(error).strip().removeprefix("Error: ")
+        reason = "it is damaged" if "Traceback" in said else " ".join(said.split())
+        raise ValueError(f"{path}: cannot be read as glTF ({reason})") from None
+
+
 def show(context: bpy.types.Context, result: Path) -> None:
     """The result in the image editors, and as a strip of the sequencer."""
     image = bpy.data.images.load(str(result), check_existing=True)
