@@ -1,8 +1,11 @@
 """The option table: every row reaches a setting, and every path it names exists in the settings."""
 
 import dataclasses
+import re
 
 import pytest
+from support.documents import PAGES
+from support.folders import ROOT
 
 from nlens_video.core.objects import Playback
 from nlens_video.core.optics import LensOverrides
@@ -45,3 +48,22 @@ def test_option_names_are_unique_within_a_command():
     for command in (*COMMANDS, JOBS):
         names = [name for row in ROWS if command in row.commands for name in row.flags]
         assert len(names) == len(set(names)), command
+
+
+def test_every_option_is_on_a_page_for_users():
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    named = set(re.findall(r"(?<![\w-])--?[a-z](?:[a-z-]*[a-z])?", text))
+    unnamed = [row.flags for row in ROWS if row.flags and not named & set(row.flags)]
+    assert unnamed == []
+
+
+def test_the_change_log_lists_the_names_of_the_help_first():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| (`(?:[a-z ]*)--.*?) \| (`--.*?) \|$", text, re.M)
+    assert listed
+    first = {row.flags[0] for row in ROWS if row.flags}
+    for today, others in listed:
+        names, former = re.findall(r"--[a-z-]+", today), re.findall(r"--[a-z-]+", others)
+        assert set(names) <= first
+        for other in former:
+            assert any(other in row.flags and row.flags[0] in names for row in ROWS), other
