@@ -15,13 +15,13 @@ from nlens_video.core.settings import SunSettings
 from nlens_video.effects.foreground.received_shadow import (
     GroundLight,
     Sunlight,
+    all_toward_sun,
+    attenuate,
     ground_light,
-    part_in_the_sun,
-    received,
-    shaded,
-    share_of_sun,
-    stands_towards,
-    sun_left,
+    receive_shadow,
+    sun_share,
+    sun_visibility,
+    sunlit_fraction,
 )
 from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
 from nlens_video.effects.shadow.apply import BlurredShadow
@@ -63,10 +63,10 @@ def test_shadow_of_a_card_lies_on_the_object_where_its_rays_are_blocked(scene, a
         if not len(things.feet):
             continue
         feet, _ = camera.ground_seen_at(things.feet, 0.0)
-        assert stands_towards(feet, walking_card.PLACE, toward)
-        assert not stands_towards(feet, walking_card.PLACE, toward * (-1.0, 1.0, -1.0))
+        assert all_toward_sun(feet, walking_card.PLACE, toward)
+        assert not all_toward_sun(feet, walking_card.PLACE, toward * (-1.0, 1.0, -1.0))
         ground = ground_light(frame.picture, things.background(frame.picture))
-        left = sun_left(points, camera, 0.0, toward, ground, walking_card.LEFT)
+        left = sun_visibility(points, camera, 0.0, toward, ground, walking_card.LEFT)
         lit = 1.0 - walking_card.blocked(points, toward, frame.index)
         error = np.abs(left - lit).mean()  # ground that the card hides counts as lit
         assert error < 0.16
@@ -87,7 +87,7 @@ def test_ground_is_known_as_far_as_the_object_casts_its_shadow_by_a_low_sun(scen
         moving, _ = find_moving_foreground(read_again, scene, view, 0.0, None, light)
         picture = shown[index].picture
         ground = ground_light(picture, moving.on_frame(index).background(picture))
-        known.append(sun_left(points, camera, 0.0, toward, ground, walking_card.LEFT))
+        known.append(sun_visibility(points, camera, 0.0, toward, ground, walking_card.LEFT))
     lit = 1.0 - walking_card.blocked(points, toward, index)
     assert known[0] is None and lit.mean() < 0.75
     assert np.abs(known[1] - lit).mean() < (1.0 - lit).mean() / 3.0
@@ -96,11 +96,11 @@ def test_ground_is_known_as_far_as_the_object_casts_its_shadow_by_a_low_sun(scen
 def test_what_is_out_of_view_or_covered_tells_nothing():
     camera, toward = shots.camera(), walking_card.direction(120, 35)
     points = front_of_the_cube()
-    small = GroundLight(box=Box(0, 0, 20, 20), share=np.ones((20, 20), np.float32))
-    assert sun_left(points, camera, 0.0, toward, small, 0.4) is None
+    small = GroundLight(box=Box(0, 0, 20, 20), ratio=np.ones((20, 20), np.float32))
+    assert sun_visibility(points, camera, 0.0, toward, small, 0.4) is None
     whole = Box(0, 0, camera.width, camera.height)
-    hidden = GroundLight(box=whole, share=np.full(whole.shape, np.nan, np.float32))
-    assert (sun_left(points, camera, 0.0, toward, hidden, 0.4) == 1.0).all()
+    hidden = GroundLight(box=whole, ratio=np.full(whole.shape, np.nan, np.float32))
+    assert (sun_visibility(points, camera, 0.0, toward, hidden, 0.4) == 1.0).all()
 
 
 def test_grain_of_the_ground_is_no_shadow():
@@ -111,7 +111,7 @@ def test_grain_of_the_ground_is_no_shadow():
     picture = ArrayPicture(np.uint8(np.clip(codes, 0, 255)), "rgb")
     clean = ArrayPicture(shots.plate(), "rgb").linear(box)
     ground = ground_light(picture, SeenBackground(box=box, light=clean))
-    left = sun_left(front_of_the_cube(), camera, 0.0, toward, ground, 0.4)
+    left = sun_visibility(front_of_the_cube(), camera, 0.0, toward, ground, 0.4)
     assert left.mean() > 0.98
 
 
@@ -119,11 +119,11 @@ def test_share_of_the_sun_is_none_on_its_far_side_and_all_where_nothing_else_shi
     lamp = Lamp(sun(np.full(3, 2.0), DOWN))
     points = np.zeros((1, 3, 3))
     unit = np.array([[[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]])
-    alone = share_of_sun(Illumination((lamp,), None), lamp, points, unit)
+    alone = sun_share(Illumination((lamp,), None), lamp, points, unit)
     np.testing.assert_allclose(alone[0, :, 0], [1.0, 0.0, 0.0])
     around = Illumination((lamp,), hemispheres(np.ones(3), np.ones(3)))
     np.testing.assert_allclose(
-        share_of_sun(around, lamp, points, unit)[0, 0], 2.0 / (2.0 + math.pi), rtol=1e-6
+        sun_share(around, lamp, points, unit)[0, 0], 2.0 / (2.0 + math.pi), rtol=1e-6
     )
 
 
@@ -140,7 +140,7 @@ def test_lost_light_is_as_soft_as_the_discs_and_leaves_coverage():
     blurred = BlurredLayer(box=wide, rgba=np.ones((*wide.shape, 4), np.float32))
     lost = np.zeros((*box.shape, 3))
     lost[:, 20:] = 0.6
-    out = shaded(blurred, defocused, lost).rgba
+    out = attenuate(blurred, defocused, lost).rgba
     np.testing.assert_array_equal(out[..., 3], 1.0)
     middle = out[26, :, 0]
     assert middle[0] == pytest.approx(1.0, abs=1e-3) and middle[-1] == pytest.approx(0.4, abs=1e-3)
@@ -162,7 +162,7 @@ def test_nothing_is_shaded_by_what_stands_on_the_far_side_or_without_things():
         things = MovingThings(
             lambda *given: None, feet, lambda seen: pytest.fail("nothing has to be looked at")
         )
-        out = received(blurred, defocused, picture, things, camera, walking_card.PLACE, known)
+        out = receive_shadow(blurred, defocused, picture, things, camera, walking_card.PLACE, known)
         assert out is blurred
 
 
@@ -201,12 +201,12 @@ def test_ground_loses_the_sun_once_by_two_shadows(in_shadow, sun, own, around):
     lit = in_shadow + (1.0 - in_shadow) * sun  # of the ground's light, as the plate shows it
     in_sun = (1.0 - in_shadow) * own + in_shadow * around
     box, size = Box(0, 0, 4, 3), (3, 4)
-    ground = GroundLight(box=box, share=np.full(size, lit, np.float32))
+    ground = GroundLight(box=box, ratio=np.full(size, lit, np.float32))
     shadows = [
         BlurredShadow(box=box, loss=np.full((*size, 4), loss, np.float32))
         for loss in (in_sun, around)
     ]
-    part = part_in_the_sun(ground, in_shadow)
+    part = sunlit_fraction(ground, in_shadow)
     loss = shadows[0].mixed(shadows[1], box, part).loss
     known = in_shadow * (1.0 - around) + (1.0 - in_shadow) * sun * (1.0 - own)
     assert lit > 0.93 or lit * (1.0 - loss) == pytest.approx(known, abs=1e-5)

@@ -11,7 +11,7 @@ import numpy as np
 from nlens_video.cameras.placement import contact_point
 from nlens_video.core.box import Box
 from nlens_video.core.layers import DepthMap, Matte
-from nlens_video.effects.foreground.received_shadow import Sunlight, received
+from nlens_video.effects.foreground.received_shadow import Sunlight, receive_shadow
 from nlens_video.effects.occlusion import (
     CoverageFromCoc,
     CoverageFromDepth,
@@ -183,7 +183,7 @@ class ReceiveShadow(Node):
         sunlight = Sunlight.known(sun, light, ground, contact)
         if sunlight is None:
             return blurred
-        return received(blurred, defocused, picture, occlusion_cue, camera, contact, sunlight)
+        return receive_shadow(blurred, defocused, picture, occlusion_cue, camera, contact, sunlight)
 
 
 def _on_ground(shadow: Shadow | None, reflection: DefocusedLayer | None, frame: Box) -> Box:

@@ -16,7 +16,7 @@ from nlens_video.effects.camera.distortion_apply import DistortionMap, undistort
 from nlens_video.effects.foreground.received_shadow import (
     Sunlight,
     ground_light,
-    part_in_the_sun,
+    sunlit_fraction,
 )
 from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.occlusion_cues import MovingThings
@@ -230,7 +230,7 @@ class CompositeShadow(Node):
         if left >= 1.0:
             return blurred
         ground = ground_light(picture, things.background(picture))
-        return blurred.mixed(lit, ground.box, part_in_the_sun(ground, left))
+        return blurred.mixed(lit, ground.box, sunlit_fraction(ground, left))
 
 
 def equal_values(first: object, second: object) -> bool:
