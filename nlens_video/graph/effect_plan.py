@@ -15,7 +15,7 @@ from nlens_video.core.placement import Region
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
 from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import (
     PLATE_EFFECTS,
     Measurement,
@@ -119,7 +119,7 @@ class PlatePreview:
     pictures: Callable[[], Sequence[Picture]]
     first: int = 0
     again: ReadAgain | None = None
-    survey: Callable[[], StillSurvey | None] = lambda: None
+    survey: Callable[[], StaticCameraSurvey | None] = lambda: None
     begins_run: bool = False
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None

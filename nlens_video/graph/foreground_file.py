@@ -1,6 +1,7 @@
-"""What was found of things that move in a shot, as a file: other runs of the shot need not look.
+"""File of the moving foreground of a shot, so that other runs of the shot need not search for it.
 
-A run that reads it composites the same bits as the run that found it.
+A run that reads it composites the same bits as the run that wrote it. The names of the arrays are
+fixed: the file of a farm, or of a run that was interrupted, may be older than the code.
 """
 
 from __future__ import annotations
@@ -17,21 +18,21 @@ import numpy.typing as npt
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.background import Background, SmallBackground
-from nlens_video.effects.foreground.canvas import Canvas, StillCanvas
-from nlens_video.effects.foreground.looks import Look
-from nlens_video.effects.foreground.tracks import Ordered
-from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
-from nlens_video.effects.foreground.turned_canvas import TurnedCanvas
+from nlens_video.effects.foreground.appearance import AppearanceModel
+from nlens_video.effects.foreground.background import BackgroundModel, CleanPlate
+from nlens_video.effects.foreground.parallax_view import ParallaxView
+from nlens_video.effects.foreground.reference_view import ReferenceView, StaticView
+from nlens_video.effects.foreground.rotation_view import RotationView
+from nlens_video.effects.foreground.tracker import TrackState
 from nlens_video.graph.foreground_matte import MovingForeground
 from nlens_video.scene.camera import Camera
 
 Arrays = dict[str, npt.NDArray[Any]]
-_NUMBERS = ("fx", "fy", "cx", "cy", "width", "height")
+_INTRINSICS = ("fx", "fy", "cx", "cy", "width", "height")
 
 
 def write_foreground(path: Path, found: MovingForeground | None, finding: Finding) -> None:
-    """Write what was found.
+    """Write the result of `find_moving_foreground`.
 
     Args:
         path: the file.
@@ -40,8 +41,8 @@ def write_foreground(path: Path, found: MovingForeground | None, finding: Findin
     """
     arrays: Arrays = {"finding": np.array(json.dumps(asdict(finding)))}
     if found is not None:
-        arrays |= _canvas_arrays(found.canvas) | _things_arrays(found)
-        for prefix, part in (("small", found.small), ("background", found.background)):
+        arrays |= _reference_arrays(found.reference) | _state_arrays(found)
+        for prefix, part in (("small", found.model), ("background", found.clean_plate)):
             for one in fields(part):
                 value = getattr(part, one.name)
                 arrays[f"{prefix}.{one.name}"] = np.array(
@@ -52,7 +53,7 @@ def write_foreground(path: Path, found: MovingForeground | None, finding: Findin
 
 
 def read_foreground(path: Path) -> tuple[MovingForeground | None, Finding]:
-    """What was written.
+    """The result that was written.
 
     Raises:
         InputError: the file cannot be read.
@@ -67,17 +68,17 @@ def read_foreground(path: Path) -> tuple[MovingForeground | None, Finding]:
 
 
 def _found(arrays: Arrays) -> MovingForeground:
-    small = {one.name: arrays[f"small.{one.name}"] for one in fields(SmallBackground)}
-    width, height = small.pop("size").tolist()
-    things, cameras = _things(arrays)
+    model = {one.name: arrays[f"small.{one.name}"] for one in fields(BackgroundModel)}
+    width, height = model.pop("size").tolist()
+    states, cameras = _states(arrays)
     return MovingForeground(
-        canvas=_canvas(arrays),
-        small=SmallBackground(size=(width, height), **small),
-        background=Background(
+        reference=_reference(arrays),
+        model=BackgroundModel(size=(width, height), **model),
+        clean_plate=CleanPlate(
             box=Box(*arrays["background.box"].tolist()), roots=arrays["background.roots"],
             noise=arrays["background.noise"],
         ),
-        things=things, cameras=cameras,
+        states=states, cameras=cameras,
     )  # fmt: skip
 
 
@@ -85,88 +86,89 @@ def _corners(box: Box) -> tuple[int, int, int, int]:
     return box.x0, box.y0, box.x1, box.y1
 
 
-def _canvas_arrays(canvas: Canvas) -> Arrays:
-    if isinstance(canvas, TravelledCanvas):
-        return {"canvas.relief": canvas.relief.disparity, **_canvas_arrays(canvas.turned)}
-    if not isinstance(canvas, TurnedCanvas):
-        return {"canvas.size": np.array(canvas.size)}
+def _reference_arrays(reference: ReferenceView) -> Arrays:
+    if isinstance(reference, ParallaxView):
+        depth = {"canvas.relief": reference.depth.disparity}
+        return {**depth, **_reference_arrays(reference.rotation)}
+    if not isinstance(reference, RotationView):
+        return {"canvas.size": np.array(reference.size)}
     return {
-        "canvas.size": np.array(canvas.frame),
-        "canvas.pose": canvas.camera.world_from_camera,
-        "canvas.numbers": _numbers(canvas.camera),
-        "canvas.distortion_k1": np.array(canvas.distortion_k1),
+        "canvas.size": np.array(reference.frame_size),
+        "canvas.pose": reference.camera.world_from_camera,
+        "canvas.numbers": _intrinsics(reference.camera),
+        "canvas.distortion_k1": np.array(reference.distortion_k1),
     }
 
 
-def _canvas(arrays: Arrays) -> Canvas:
+def _reference(arrays: Arrays) -> ReferenceView:
     width, height = arrays["canvas.size"].tolist()
     if "canvas.pose" not in arrays:
-        return StillCanvas((width, height))
-    turned = TurnedCanvas(
-        camera=_camera(arrays["canvas.pose"], arrays["canvas.numbers"]), frame=(width, height),
+        return StaticView((width, height))
+    rotation = RotationView(
+        camera=_camera(arrays["canvas.pose"], arrays["canvas.numbers"]), frame_size=(width, height),
         distortion_k1=float(arrays["canvas.distortion_k1"]),
     )  # fmt: skip
     if "canvas.relief" not in arrays:
-        return turned
-    return TravelledCanvas.of(turned, arrays["canvas.relief"])
+        return rotation
+    return ParallaxView.from_disparity(rotation, arrays["canvas.relief"])
 
 
-def _numbers(camera: Camera) -> npt.NDArray[np.float64]:
-    return np.array([getattr(camera, name) for name in _NUMBERS], np.float64)
+def _intrinsics(camera: Camera) -> npt.NDArray[np.float64]:
+    return np.array([getattr(camera, name) for name in _INTRINSICS], np.float64)
 
 
-def _camera(pose: npt.NDArray[Any], numbers: npt.NDArray[Any]) -> Camera:
-    fx, fy, cx, cy, width, height = numbers.tolist()
+def _camera(pose: npt.NDArray[Any], intrinsics: npt.NDArray[Any]) -> Camera:
+    fx, fy, cx, cy, width, height = intrinsics.tolist()
     return Camera(
         world_from_camera=pose, fx=fx, fy=fy, cx=cx, cy=cy, width=int(width), height=int(height)
     )
 
 
-def _things_arrays(found: MovingForeground) -> Arrays:
-    """A row for each thing on a frame, one for each frame's camera, and the looks once."""
-    rows = [(frame, one) for frame, things in found.things.items() for one in things]
-    looks = list({id(one.look): one.look for _, one in rows}.values())
-    number = {id(look): at for at, look in enumerate(looks)}
+def _state_arrays(found: MovingForeground) -> Arrays:
+    """A row for each target on a frame, one for each camera, one for each appearance model."""
+    rows = [(frame, one) for frame, states in found.states.items() for one in states]
+    appearances = list({id(one.appearance): one.appearance for _, one in rows}.values())
+    number = {id(one): i for i, one in enumerate(appearances)}
     cameras = list(found.cameras.values())
     return {
         "things.frame": np.array([frame for frame, _ in rows], np.int64),
         "things.box": np.array([_corners(one.box) for _, one in rows], np.int64).reshape(-1, 4),
-        "things.region": np.array([_corners(one.region) for _, one in rows], np.int64).reshape(
+        "things.region": np.array([_corners(one.blob_box) for _, one in rows], np.int64).reshape(
             -1, 4
         ),
         "things.numbers": np.array(
-            [(one.before, one.disparity, one.moved_px) for _, one in rows], np.float64
+            [(one.in_front, one.disparity, one.displacement_px) for _, one in rows], np.float64
         ).reshape(-1, 3),
-        "things.look": np.array([number[id(one.look)] for _, one in rows], np.int64),
-        "looks": np.array([look.counts for look in looks], np.float32),
-        "looks.shape": np.array([look.shape for look in looks], np.float32),
+        "things.look": np.array([number[id(one.appearance)] for _, one in rows], np.int64),
+        "looks": np.array([one.histogram for one in appearances], np.float32),
+        "looks.shape": np.array([one.silhouette for one in appearances], np.float32),
         "cameras.frame": np.array(list(found.cameras), np.int64),
         "cameras.pose": np.array([one.world_from_camera for one in cameras]),
-        "cameras.numbers": np.array([_numbers(one) for one in cameras]),
+        "cameras.numbers": np.array([_intrinsics(one) for one in cameras]),
     }
 
 
-def _things(arrays: Arrays) -> tuple[dict[int, tuple[Ordered, ...]], dict[int, Camera]]:
-    looks = [
-        Look(counts, shape)
-        for counts, shape in zip(arrays["looks"], arrays["looks.shape"], strict=True)
+def _states(arrays: Arrays) -> tuple[dict[int, tuple[TrackState, ...]], dict[int, Camera]]:
+    appearances = [
+        AppearanceModel(histogram, silhouette)
+        for histogram, silhouette in zip(arrays["looks"], arrays["looks.shape"], strict=True)
     ]
-    things: dict[int, tuple[Ordered, ...]] = {}
-    for frame, box, region, numbers, look in zip(
+    states: dict[int, tuple[TrackState, ...]] = {}
+    for frame, box, blob_box, numbers, i in zip(
         *(
             arrays[f"things.{name}"].tolist()
             for name in ("frame", "box", "region", "numbers", "look")
         ),
         strict=True,
     ):
-        before, disparity, moved = numbers
-        one = Ordered(Box(*box), Box(*region), before, disparity, moved, looks[look])
-        things[frame] = (*things.get(frame, ()), one)
+        in_front, disparity, moved = numbers
+        one = TrackState(Box(*box), Box(*blob_box), in_front, disparity, moved, appearances[i])
+        states[frame] = (*states.get(frame, ()), one)
     cameras = {
-        frame: _camera(pose, numbers)
-        for frame, pose, numbers in zip(
+        frame: _camera(pose, intrinsics)
+        for frame, pose, intrinsics in zip(
             arrays["cameras.frame"].tolist(), arrays["cameras.pose"], arrays["cameras.numbers"],
             strict=True,
         )
     }  # fmt: skip
-    return things, cameras
+    return states, cameras

@@ -1,4 +1,4 @@
-"""The matte of what moves on a frame, from the shot's background and the order of its things."""
+"""Matte of the moving targets on a frame, from the shot's background and their depth order."""
 
 from __future__ import annotations
 
@@ -11,19 +11,24 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64, Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.foreground.background import Background, SmallBackground, gain, root
-from nlens_video.effects.foreground.canvas import Canvas
-from nlens_video.effects.foreground.looks import parted
+from nlens_video.effects.foreground.appearance import segment
+from nlens_video.effects.foreground.background import (
+    BackgroundModel,
+    CleanPlate,
+    exposure_gain,
+    sqrt_light,
+)
+from nlens_video.effects.foreground.detection import find_blobs, foreground_mask
 from nlens_video.effects.foreground.matte import soft_matte
-from nlens_video.effects.foreground.things import find_regions, things_mask
-from nlens_video.effects.foreground.tracks import Ordered
+from nlens_video.effects.foreground.reference_view import ReferenceView
+from nlens_video.effects.foreground.tracker import TrackState
 from nlens_video.effects.occlusion_cues import MovingMatte, MovingThings, SeenBackground
 from nlens_video.scene.camera import Camera
 
-_ALONG = 2.0  # pixels of the small size, within which the border of things that meet is sought
-_SMOOTHEST = 2e-4  # variance of roots of light below which it is no border
-_CONTEXT_PX = 24  # around a region from which a thing is continued [px]
-_UNKNOWN_NOISE = 1.0 / 255.0  # of a root of light, where nothing tells it
+_GUIDE_RADIUS_PX = 2.0  # radius of the guided filter of the border in a merged blob [lowres px]
+_GUIDE_EPSILON = 2e-4  # its regularisation: variance of roots of light within a target [1]
+_CONTEXT_PX = 24  # around a region, from which the foreground is extrapolated [px]
+_UNKNOWN_NOISE = 1.0 / 255.0  # standard deviation of a root of light where it is not known [1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,139 +36,149 @@ class MovingForeground:
     """What moves in a shot around its object.
 
     Attributes:
-        canvas: where the frames are laid.
-        small: background of the whole canvas at a small size.
-        background: that of the object's surroundings.
-        things: what moves on each frame.
-        cameras: that of each frame.
+        reference: the reference view of the shot.
+        model: background of the whole view at low resolution.
+        clean_plate: background of the object's surroundings at full resolution.
+        states: the targets on each frame, by its number.
+        cameras: the camera of each of these frames.
     """
 
-    canvas: Canvas
-    small: SmallBackground
-    background: Background
-    things: Mapping[int, tuple[Ordered, ...]]
+    reference: ReferenceView
+    model: BackgroundModel
+    clean_plate: CleanPlate
+    states: Mapping[int, tuple[TrackState, ...]]
     cameras: Mapping[int, Camera]
 
     def on_frame(self, index: int) -> MovingThings:
         """What moves on a frame."""
-        things = self.things.get(index, ())
+        states = self.states.get(index, ())
 
         def matte(picture: Picture, region: Box, fit: LensFit | None) -> MovingMatte | None:
             return (
-                self._matte(things, self.cameras[index], picture, region, fit) if things else None
+                self._matte(states, self.cameras[index], picture, region, fit) if states else None
             )
 
         def background(picture: Picture) -> SeenBackground:
-            return self._seen(picture, self.cameras[index])
+            return self._background(picture, self.cameras[index])
 
-        return MovingThings(matte, self._feet(things, index), background)
+        return MovingThings(matte, self._feet(states, index), background)
 
-    def _seen(self, picture: Picture, camera: Camera) -> SeenBackground:
-        """The background around the object, where nothing but shadows moves."""
-        canvas, held = self.canvas, self.background.box
-        box = canvas.seen(held, camera)
-        roots, small = canvas.small(picture, camera), canvas.background(self.small, camera)
-        mask = things_mask(small.normalised(roots), small.roots, small.noise)
+    def _background(self, picture: Picture, camera: Camera) -> SeenBackground:
+        """The background around the object, where at most shadows move."""
+        reference, source = self.reference, self.clean_plate.box
+        box = reference.box_in_frame(source, camera)
+        roots = reference.warp_lowres(picture, camera)
+        model = reference.render_background(self.model, camera)
+        mask = foreground_mask(model.normalised(roots), model.roots, model.noise)
         wide = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
-        change = gain(roots, small.roots)
-        light = np.square(canvas.from_part(self.background.roots, held, camera, box) * change)
-        light[canvas.from_small(wide, camera, box) > 0.0] = np.nan
+        gain = exposure_gain(roots, model.roots)
+        light = np.square(
+            reference.box_to_frame(self.clean_plate.roots, source, camera, box) * gain
+        )
+        light[reference.lowres_to_frame(wide, camera, box) > 0.0] = np.nan
         return SeenBackground(box=box, light=light)
 
-    def _feet(self, things: tuple[Ordered, ...], index: int) -> Float64:
-        """Where things stand in the frame (N, 2) [px]."""
-        scale = self.canvas.size[0] / self.canvas.small_size[0]
+    def _feet(self, states: tuple[TrackState, ...], index: int) -> Float64:
+        """Where targets stand in the frame (N, 2) [px]."""
+        scale = self.reference.size[0] / self.reference.lowres_size[0]
         found = []
-        for one in things:
+        for one in states:
             edges = (one.box.x0, one.box.y0, one.box.x1, one.box.y1)
-            wide = Box(*(round(scale * edge) for edge in edges))
-            seen = self.canvas.seen(wide, self.cameras[index])
-            found.append((0.5 * (seen.x0 + seen.x1), float(seen.y1)))
+            full = Box(*(round(scale * edge) for edge in edges))
+            box = self.reference.box_in_frame(full, self.cameras[index])
+            found.append((0.5 * (box.x0 + box.x1), float(box.y1)))
         return np.array(found).reshape(-1, 2)
 
     def _matte(
-        self, things: tuple[Ordered, ...], camera: Camera, picture: Picture, region: Box,
+        self, states: tuple[TrackState, ...], camera: Camera, picture: Picture, region: Box,
         fit: LensFit | None,
     ) -> MovingMatte | None:  # fmt: skip
-        canvas, held = self.canvas, self.background.box
-        known = canvas.seen(held, camera)
+        reference, source = self.reference, self.clean_plate.box
+        known = reference.box_in_frame(source, camera)
         box = region.intersection(known)
         if box.empty:
             return None
-        small_box = self.small.small(canvas.reached(box, camera))
-        if all(one.box.intersection(small_box).empty for one in things):
+        lowres_box = self.model.lowres_box(reference.box_in_reference(box, camera))
+        if all(one.box.intersection(lowres_box).empty for one in states):
             return None
-        roots, small = canvas.small(picture, camera), canvas.background(self.small, camera)
-        near, before, meet = _things_near(things, small.normalised(roots), small)
+        roots = reference.warp_lowres(picture, camera)
+        model = reference.render_background(self.model, camera)
+        near, in_front, mixed = _lowres_order(states, model.normalised(roots), model)
         wide = box.expanded(_CONTEXT_PX).intersection(known)
-        prior = canvas.from_small(near, camera, wide) > 0.5
+        prior = reference.lowres_to_frame(near, camera, wide) > 0.5
         if not prior.any():
             return None
         light = picture.linear(wide)
-        change = gain(roots, small.roots)
-        below = np.square(canvas.from_part(self.background.roots, held, camera, wide) * change)
-        noise = canvas.from_part(self.background.noise, held, camera, wide)
+        gain = exposure_gain(roots, model.roots)
+        below = np.square(
+            reference.box_to_frame(self.clean_plate.roots, source, camera, wide) * gain
+        )
+        noise = reference.box_to_frame(self.clean_plate.noise, source, camera, wide)
         unknown = np.isnan(below[..., 0]) | np.isnan(noise)
         if unknown.any():
             below[unknown], noise = light[unknown], np.nan_to_num(noise, nan=_UNKNOWN_NOISE)
-        scale = canvas.size[0] / canvas.small_size[0]
-        edge_px = self._edge_px(things, fit, scale)
+        scale = reference.size[0] / reference.lowres_size[0]
+        edge_px = self._edge_px(states, fit, scale)
         share = soft_matte(light, below, noise, prior, edge_px, scale)
         share[unknown] = 0.0
-        order = canvas.from_small(before, camera, wide)
-        if meet:  # where one ends and another begins the picture knows better
-            guide = np.ascontiguousarray(root(light))
-            reach = max(2, math.ceil(_ALONG * scale))
-            order = np.clip(cv2.ximgproc.guidedFilter(guide, order, reach, _SMOOTHEST), 0.0, 1.0)
-        cut = box.slices_in(wide)
+        order = reference.lowres_to_frame(in_front, camera, wide)
+        if mixed:  # align the border between the targets with edges of the picture
+            guide = np.ascontiguousarray(sqrt_light(light))
+            radius = max(2, math.ceil(_GUIDE_RADIUS_PX * scale))
+            filtered = cv2.ximgproc.guidedFilter(guide, order, radius, _GUIDE_EPSILON)
+            order = np.clip(filtered, 0.0, 1.0)
+        crop = box.slices_in(wide)
         return MovingMatte(
-            box=box, coverage=share[cut], before=np.asarray(order[cut], np.float32),
-            background=below[cut],
+            box=box, coverage=share[crop], before=np.asarray(order[crop], np.float32),
+            background=below[crop],
         )  # fmt: skip
 
-    def _edge_px(self, things: tuple[Ordered, ...], fit: LensFit | None, scale: float) -> float:
-        """How wide the softest edge of a thing is, by lens and motion [px]."""
+    def _edge_px(self, states: tuple[TrackState, ...], fit: LensFit | None, scale: float) -> float:
+        """Width of the softest edge of a target, by the lens' and by motion blur [px]."""
         widest = 0.0
-        for one in things:
+        for one in states:
             disparity = np.array([one.disparity], np.float32)
             coc = 0.0 if fit is None else abs(float(fit.coc_px(disparity)[0]))
-            widest = max(widest, coc + 0.5 * one.moved_px * scale)
+            widest = max(widest, coc + 0.5 * one.displacement_px * scale)
         return min(max(0.75 * widest, 1.0) + 1.0, 40.0)
 
 
-def _things_near(
-    things: tuple[Ordered, ...], roots: Float32, small: SmallBackground
+def _lowres_order(
+    states: tuple[TrackState, ...], roots: Float32, model: BackgroundModel
 ) -> tuple[Float32, Float32, bool]:
-    """Mask of what moves, how much of it is before the object, at the small size (h, w).
+    """Mask of tracked targets and their depth order at low resolution.
 
-    And whether things of different order meet.
+    Returns:
+        The mask (h, w); 1 in front of the object to 0 behind it (h, w) [1], outside the mask that
+        of the nearest pixel; and whether targets of different order are merged.
     """
-    mask = things_mask(roots, small.roots, small.noise)
-    meet = False
+    mask = foreground_mask(roots, model.roots, model.noise)
+    mixed = False
     near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
     frame = Box(0, 0, *mask.shape[::-1])
-    for region in find_regions(mask):
-        parts = sorted(
-            (one for one in things if one.region == region.box), key=lambda one: one.disparity
+    for blob in find_blobs(mask):
+        members = sorted(
+            (one for one in states if one.blob_box == blob.box), key=lambda one: one.disparity
         )
         inside = np.zeros(mask.shape, np.bool_)
-        inside[region.box.slices_in(frame)] = region.inside
-        near[inside] = bool(parts)
-        if len({one.before for one in parts}) > 1:
-            meet, at = True, region.box.slices_in(frame)
-            shares = parted(
-                [one.look for one in parts], [one.box for one in parts], roots[at], region.box
-            )
-            mixed = np.tensordot(np.array([one.before for one in parts], np.float32), shares, 1)
-            order[at][inside[at]] = mixed[inside[at]]
+        inside[blob.box.slices_in(frame)] = blob.mask
+        near[inside] = bool(members)
+        if len({one.in_front for one in members}) > 1:
+            mixed, crop = True, blob.box.slices_in(frame)
+            shares = segment(
+                [one.appearance for one in members], [one.box for one in members], roots[crop],
+                blob.box,
+            )  # fmt: skip
+            in_front = np.array([one.in_front for one in members], np.float32)
+            order[crop][inside[crop]] = np.tensordot(in_front, shares, 1)[inside[crop]]
             continue
-        for one in parts:  # the nearest last
-            at = one.box.intersection(frame).slices_in(frame)
-            order[at][inside[at]] = one.before
+        for one in members:  # the nearest last, over the others
+            crop = one.box.intersection(frame).slices_in(frame)
+            order[crop][inside[crop]] = one.in_front
     _, nearest = cv2.distanceTransformWithLabels(
         np.isnan(order).astype(np.uint8), cv2.DIST_L2, 3, labelType=cv2.DIST_LABEL_PIXEL
     )
     known = ~np.isnan(order)
     values = np.zeros(int(nearest.max()) + 1, np.float32)
     values[nearest[known]] = order[known]
-    return near, values[nearest], meet
+    return near, values[nearest], mixed

@@ -1,9 +1,9 @@
-"""What moves in front of the object in a shot: found beforehand, in two passes.
+"""Detection of what moves in front of the object in a shot, in two passes before rendering.
 
-The first pass looks at small pictures: does the background stand still, once the camera's motion is
-taken out, and does anything cross the place of the object? Only then a second one learns the
-background there and follows what moves. Memory is bounded by the frame: a few pictures are kept,
-and some numbers for each thing on a frame.
+The first pass surveys the background at low resolution: is it at rest, once the camera's motion is
+taken out, and does anything move near the object? Only then the second one estimates the clean
+plate around the object and tracks what moves. Memory is bounded by the frame size: a few frames are
+kept, and some numbers for each target on a frame.
 """
 
 from __future__ import annotations
@@ -15,222 +15,235 @@ import numpy as np
 
 from nlens_video.core.layers import Box
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.background import Background, SmallBackground, Survey, gain
-from nlens_video.effects.foreground.canvas import Canvas, StillCanvas
-from nlens_video.effects.foreground.relief import Views
-from nlens_video.effects.foreground.reservoir import (
-    FEW_KEPT,
-    LARGE_PX,
-    LEAST_PICTURES,
-    MOST_KEPT,
-    Reservoir,
+from nlens_video.effects.foreground.background import (
+    BackgroundModel,
+    BackgroundSurvey,
+    CleanPlate,
+    exposure_gain,
 )
-from nlens_video.effects.foreground.still_survey import EVERY_S, StillSurvey
-from nlens_video.effects.foreground.things import find_things, things_mask
-from nlens_video.effects.foreground.tracks import Tracks
-from nlens_video.effects.foreground.travelled_canvas import TravelledCanvas
-from nlens_video.effects.foreground.turned_canvas import TurnedCanvas
+from nlens_video.effects.foreground.background_depth import PlaneSweep
+from nlens_video.effects.foreground.detection import detect, foreground_mask
+from nlens_video.effects.foreground.frame_sampler import (
+    LARGE_REGION_PX,
+    MAX_FRAMES,
+    MAX_FRAMES_LARGE,
+    MIN_FRAMES,
+    FrameSampler,
+)
+from nlens_video.effects.foreground.parallax_view import ParallaxView
+from nlens_video.effects.foreground.reference_view import ReferenceView, StaticView
+from nlens_video.effects.foreground.rotation_view import RotationView
+from nlens_video.effects.foreground.static_survey import SURVEY_INTERVAL_S, StaticCameraSurvey
+from nlens_video.effects.foreground.tracker import Tracker
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_matte import MovingForeground
-from nlens_video.graph.sight import Sight
+from nlens_video.graph.shot_geometry import ShotGeometry
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.info import SourceFrame
 
-CERTAIN = 0.9
-"""Least share of the object's surroundings whose background is known, to be sure of it [1]."""
-_SAMPLES = 12  # moments at which the object's place is looked up beforehand
-_CHECKED_EVERY = 12  # frames, whether what moves can still turn out steady
-_LEAST_PARALLAX, _MOST_PARALLAX = 0.0005, 0.15
-"""Of the frame's width, by which the background shifts if its depth matters, and may shift [1]."""
+MIN_CERTAINTY = 0.9
+"""Least share of the object's surroundings with a known background, and of steady frames [1]."""
+_GEOMETRY_SAMPLES = 12  # times of the shot at which the object's box is looked up
+_CHECK_INTERVAL = 12  # frames from one check of the steadiness to the next
+_MIN_PARALLAX, _MAX_PARALLAX = 0.0005, 0.15
+"""Parallax of the background, by the frame's width [1]: where depth matters; the most allowed."""
 
 
 def find_moving_foreground(
     again: ReadAgain, scene: Scene, view: View, ground_y: float | None,
-    seen: StillSurvey | None = None, light: SceneLight | None = None,
+    static_survey: StaticCameraSurvey | None = None, light: SceneLight | None = None,
 ) -> tuple[MovingForeground | None, Finding]:  # fmt: skip
-    """Look for what moves around an object.
+    """Find what moves around an object.
 
     Args:
         again: reads the shot.
         scene: the object.
         view: how the frames see it.
         ground_y: height of the ground, None for the object's lowest point [scene unit].
-        seen: the shot as it was looked at before for a still camera; default: it is read for that.
-        light: what may tell a sun, whose shadow of the object is looked at, too.
+        static_survey: survey of the shot for a static camera; default: the shot is read for it.
+        light: may hold a known sun; the object's shadow by it belongs to its surroundings.
 
     Returns:
         What moves there, None where nothing does or it cannot be told; and why.
     """
-    sight = Sight(scene, view, ground_y, light)
-    survey, canvas, times = _survey(again, sight, seen)
-    place = _object_place(sight, canvas, times)
-    if _parallax(sight, times) > _MOST_PARALLAX:
+    geometry = ShotGeometry(scene, view, ground_y, light)
+    survey, reference, times = _survey(again, geometry, static_survey)
+    object_box = _object_box(geometry, reference, times)
+    if _parallax(geometry, times) > _MAX_PARALLAX:
         return None, Finding("the camera travels, and what it sees shifts; give --holdout PATH")
-    if survey.pictures > 1 and not survey.changes(place):
+    if survey.frames > 1 and not survey.has_change(object_box):
         return None, Finding("nothing moves where the object stands")
-    small = survey.result()
-    if small is None:
+    model = survey.model()
+    if model is None:
         return None, Finding("too few frames to know the background from")
-    if not small.steady:
+    if not model.is_static:
         return None, Finding("the camera moves, or most of the picture; give --holdout PATH")
-    certainty = small.certainty(place)
-    if certainty < CERTAIN:
+    certainty = model.certainty(object_box)
+    if certainty < MIN_CERTAINTY:
         reason = f"only {certainty:.0%} of the background around the object is known"
         return None, Finding(
-            f"{reason}; give --holdout PATH", certainty=certainty, threshold=CERTAIN
+            f"{reason}; give --holdout PATH", certainty=certainty, threshold=MIN_CERTAINTY
         )
-    if not small.moves(place):
+    if not model.has_motion(object_box):
         return None, Finding("nothing moves where the object stands")
-    found, steadiness = _follow(again, sight, canvas, small, place, times)
-    if found is None or steadiness < CERTAIN:
+    found, steadiness = _track(again, geometry, reference, model, object_box, times)
+    if found is None or steadiness < MIN_CERTAINTY:
         reason = "what moves there has no steady outline; give --holdout PATH"
-        return None, Finding(reason, certainty=steadiness, threshold=CERTAIN)
-    if not found.things:
+        return None, Finding(reason, certainty=steadiness, threshold=MIN_CERTAINTY)
+    if not found.states:
         return None, Finding("what moves where the object stands is far behind it, or too brief")
-    if not any(one.before > 0.0 for things in found.things.values() for one in things):
-        return found, _sure("what moves there stays behind the object", certainty)
+    if not any(one.in_front > 0.0 for states in found.states.values() for one in states):
+        return found, _wanted("what moves there stays behind the object", certainty)
     reason = f"things move past the object; background known in {certainty:.0%} around it"
-    return found, _sure(reason, certainty)
+    return found, _wanted(reason, certainty)
 
 
-def _sure(reason: str, certainty: float) -> Finding:
-    return Finding(reason, wanted=True, certainty=certainty, threshold=CERTAIN)
+def _wanted(reason: str, certainty: float) -> Finding:
+    return Finding(reason, wanted=True, certainty=certainty, threshold=MIN_CERTAINTY)
 
 
 def _survey(
-    again: ReadAgain, sight: Sight, seen: StillSurvey | None
-) -> tuple[Survey, Canvas, list[float]]:
-    """A first look at the shot, where its frames lie, and the moments at which it was read [s]."""
-    if seen is None:
-        seen = StillSurvey((sight.view.width, sight.view.height))
+    again: ReadAgain, geometry: ShotGeometry, static_survey: StaticCameraSurvey | None
+) -> tuple[BackgroundSurvey, ReferenceView, list[float]]:
+    """Background survey of the shot, its reference view, and the times of the frames read [s]."""
+    if static_survey is None:
+        static_survey = StaticCameraSurvey((geometry.view.width, geometry.view.height))
         for frame in again(sparse=True):
-            seen.see(frame)
-            if not sight.stays((seen.times[0], frame.time_s)):
+            static_survey.see(frame)
+            if not geometry.is_static((static_survey.times[0], frame.time_s)):
                 break
-    if not sight.stays(seen.times):
-        return _survey_moving(again, sight)
-    return seen.survey, seen.canvas, seen.times
+    if not geometry.is_static(static_survey.times):
+        return _survey_moving(again, geometry)
+    return static_survey.survey, static_survey.reference, static_survey.times
 
 
-def _survey_moving(again: ReadAgain, sight: Sight) -> tuple[Survey, Canvas, list[float]]:
-    """The same of a camera that moves, by the frames that show the object."""
-    canvas: TurnedCanvas | None = None
-    views, survey, times = Views(), Survey((sight.view.width, sight.view.height)), list[float]()
-    for frame in _looked_at(again, sight, times):
-        camera = sight.camera(frame.time_s)
-        if canvas is None:
-            canvas = sight.canvas(frame.time_s)
-            survey = Survey(canvas.size)
+def _survey_moving(
+    again: ReadAgain, geometry: ShotGeometry
+) -> tuple[BackgroundSurvey, ReferenceView, list[float]]:
+    """The same for a camera that moves, from the frames that show the object."""
+    reference: RotationView | None = None
+    sweep, times = PlaneSweep(), list[float]()
+    survey = BackgroundSurvey((geometry.view.width, geometry.view.height))
+    for frame in _survey_frames(again, geometry, times):
+        camera = geometry.camera(frame.time_s)
+        if reference is None:
+            reference = geometry.reference_view(frame.time_s)
+            survey = BackgroundSurvey(reference.size)
         eye = camera.world_from_camera[:3, 3]
-        roots = canvas.from_eye(eye).small(frame.picture, camera)
+        roots = reference.at_eye(eye).warp_lowres(frame.picture, camera)
         survey.add(roots)
-        views.add(roots, eye)
-    if canvas is None:
-        return survey, StillCanvas((sight.view.width, sight.view.height)), times
-    if not _LEAST_PARALLAX < _parallax(sight, times) <= _MOST_PARALLAX:
-        return survey, canvas, times
-    contact = sight.contact(times[0])
-    turned = canvas.from_eye(views.middle)
-    small = turned.camera.resized(*canvas.small_size)
-    travelled = TravelledCanvas.of(turned, views.disparity(small, contact))
-    survey = Survey(canvas.size)
-    for frame in _looked_at(again, sight, []):
-        survey.add(travelled.still(frame.picture, sight.camera(frame.time_s)))
-    return survey, travelled, times
+        sweep.add(roots, eye)
+    if reference is None:
+        return survey, StaticView((geometry.view.width, geometry.view.height)), times
+    if not _MIN_PARALLAX < _parallax(geometry, times) <= _MAX_PARALLAX:
+        return survey, reference, times
+    contact = geometry.contact(times[0])
+    central = reference.at_eye(sweep.central_eye)
+    lowres = central.camera.resized(*reference.lowres_size)
+    with_depth = ParallaxView.from_disparity(central, sweep.disparity(lowres, contact))
+    survey = BackgroundSurvey(reference.size)
+    for frame in _survey_frames(again, geometry, []):
+        survey.add(with_depth.register_lowres(frame.picture, geometry.camera(frame.time_s)))
+    return survey, with_depth, times
 
 
-def _looked_at(again: ReadAgain, sight: Sight, times: list[float]) -> Iterator[SourceFrame]:
-    """The frames of a first look that show the object; adds the moments that were read [s]."""
+def _survey_frames(
+    again: ReadAgain, geometry: ShotGeometry, times: list[float]
+) -> Iterator[SourceFrame]:
+    """Frames of a survey, those that show the object; adds the times of all that were read [s]."""
     due = -math.inf
     for frame in again(sparse=True):
         times.append(frame.time_s)
         if frame.time_s < due:
             continue
-        due = frame.time_s + EVERY_S
-        if not sight.place(frame.time_s).empty:
+        due = frame.time_s + SURVEY_INTERVAL_S
+        if not geometry.object_box(frame.time_s).empty:
             yield frame
 
 
-def _parallax(sight: Sight, times: list[float]) -> float:
-    """By how much things behind the object can shift over the shot, by the frame's width [1].
-
-    Those that are laid as if they were infinitely far, and stand where the object does, shift most.
-    """
-    step = max(1, math.ceil(len(times) / _SAMPLES))
-    seen = [one for one in times[::step] if not sight.place(one).empty]
-    if not seen:
+def _parallax(geometry: ShotGeometry, times: list[float]) -> float:
+    """Parallax over the shot between the object's place and infinity, by the frame's width [1]."""
+    step = max(1, math.ceil(len(times) / _GEOMETRY_SAMPLES))
+    shown = [one for one in times[::step] if not geometry.object_box(one).empty]
+    if not shown:
         return 0.0
-    eyes = np.array([sight.camera(one).world_from_camera[:3, 3] for one in seen])
+    eyes = np.array([geometry.camera(one).world_from_camera[:3, 3] for one in shown])
     travel = float(np.linalg.norm(np.ptp(eyes, axis=0)))
-    away = np.linalg.norm(sight.contact(seen[0]) - eyes[0])
-    camera = sight.camera(seen[0])
-    return camera.fx * travel / max(float(away), 1e-9) / camera.width
+    distance = np.linalg.norm(geometry.contact(shown[0]) - eyes[0])
+    camera = geometry.camera(shown[0])
+    return camera.fx * travel / max(float(distance), 1e-9) / camera.width
 
 
-def _object_place(sight: Sight, canvas: Canvas, times: list[float]) -> Box:
-    """Where the object and what is close to it are over the shot, on the canvas."""
-    return _reached(sight, canvas, times, sight.place)
+def _object_box(geometry: ShotGeometry, reference: ReferenceView, times: list[float]) -> Box:
+    """Bounding box in the reference view of the object and its surroundings over the shot."""
+    return _box_over_shot(geometry, reference, times, geometry.object_box)
 
 
-def _reached(
-    sight: Sight, canvas: Canvas, times: list[float], of: Callable[[float], Box]
+def _box_over_shot(
+    geometry: ShotGeometry, reference: ReferenceView, times: list[float],
+    box_at: Callable[[float], Box],
 ) -> Box:  # fmt: skip
-    place = Box(0, 0, 0, 0)
-    step = max(1, math.ceil(len(times) / _SAMPLES))
+    """Bounding box in the reference view of a box of the frames that depends on time."""
+    whole = Box(0, 0, 0, 0)
+    step = max(1, math.ceil(len(times) / _GEOMETRY_SAMPLES))
     for time_s in times[::step]:
-        seen = of(time_s)
-        if not seen.empty:
-            place = place.union(canvas.reached(seen, sight.camera(time_s)))
-    return place
+        box = box_at(time_s)
+        if not box.empty:
+            whole = whole.union(reference.box_in_reference(box, geometry.camera(time_s)))
+    return whole
 
 
-def _follow(
-    again: ReadAgain, sight: Sight, canvas: Canvas, small: SmallBackground, place: Box,
-    times: list[float],
+def _track(
+    again: ReadAgain, geometry: ShotGeometry, reference: ReferenceView, model: BackgroundModel,
+    object_box: Box, times: list[float],
 ) -> tuple[MovingForeground | None, float]:  # fmt: skip
-    """The background around the object, and what moves before it; how steadily that goes [1]."""
-    wide = place.union(_reached(sight, canvas, times, sight.shadow))
-    large = wide.width * wide.height > LARGE_PX
-    reservoir, tracks = Reservoir(most=FEW_KEPT if large else MOST_KEPT), Tracks()
-    scale = canvas.size[0] / canvas.small_size[0], canvas.size[1] / canvas.small_size[1]
+    """The second pass: clean plate and tracks; None where these are not steady; steadiness [1]."""
+    wide = object_box.union(_box_over_shot(geometry, reference, times, geometry.shadow_box))
+    is_large = wide.width * wide.height > LARGE_REGION_PX
+    sampler = FrameSampler(max_frames=MAX_FRAMES_LARGE if is_large else MAX_FRAMES)
+    tracker = Tracker()
+    full, low = reference.size, reference.lowres_size
+    scale = full[0] / low[0], full[1] / low[1]
     cameras: dict[int, Camera] = {}
     for frame in again():
-        picture, camera = frame.picture, sight.camera(frame.time_s)
-        if canvas.seen(wide, camera).empty:
+        picture, camera = frame.picture, geometry.camera(frame.time_s)
+        if reference.box_in_frame(wide, camera).empty:
             continue
-        roots, below = canvas.small(picture, camera), canvas.background(small, camera)
-        taken = reservoir.takes_next
-        change = gain(roots, below.roots)
-        reservoir.add(canvas.part(picture, camera, wide) / change if taken else None)
-        shown = ~np.isnan(roots[..., 0])
-        roots = below.normalised(roots)
-        mask = things_mask(roots, below.roots, below.noise)
-        things = find_things(mask, shown)
-        if not things:
+        roots = reference.warp_lowres(picture, camera)
+        background = reference.render_background(model, camera)
+        is_sampled = sampler.takes_next
+        gain = exposure_gain(roots, background.roots)
+        sampler.add(reference.register_box(picture, camera, wide) / gain if is_sampled else None)
+        valid = ~np.isnan(roots[..., 0])
+        roots = background.normalised(roots)
+        mask = foreground_mask(roots, background.roots, background.noise)
+        detections = detect(mask, valid)
+        if not detections:
             continue
         cameras[frame.index] = camera
-        contact = sight.contact(frame.time_s)
+        contact = geometry.contact(frame.time_s)
         feet = [
-            canvas.ground_disparity(
+            reference.ground_disparity(
                 (one.foot[0] * scale[0], one.foot[1] * scale[1]), camera, float(contact[1])
             )
-            for one in things
+            for one in detections
         ]
         depth = -float(camera.to_camera(contact[None])[0, 2])
-        nearness = 1.0 / depth if depth > 0.0 else math.inf
-        tracks.add(frame.index, things, feet, nearness, (roots, mask))
-        if frame.index % _CHECKED_EVERY == 0 and frame.time_s > 0.0:
-            left = max(0.0, times[-1] / frame.time_s - 1.0)
-            steadiness = tracks.steadiness(small.small(place), left)
-            if steadiness < CERTAIN:
+        contact_disparity = 1.0 / depth if depth > 0.0 else math.inf
+        tracker.add(frame.index, detections, feet, contact_disparity, (roots, mask))
+        if frame.index % _CHECK_INTERVAL == 0 and frame.time_s > 0.0:
+            remaining = max(0.0, times[-1] / frame.time_s - 1.0)
+            steadiness = tracker.steadiness(model.lowres_box(object_box), remaining)
+            if steadiness < MIN_CERTAINTY:
                 return None, steadiness
-    light, noise = reservoir.median()
-    light[reservoir.shown < LEAST_PICTURES] = np.nan
-    background = Background(box=wide, roots=light, noise=noise)
+    roots, noise = sampler.median()
+    roots[sampler.valid_counts < MIN_FRAMES] = np.nan
     found = MovingForeground(
-        canvas=canvas, small=small, background=background, things=tracks.ordered(), cameras=cameras
-    )
-    return found, tracks.steadiness(small.small(place))
+        reference=reference, model=model,
+        clean_plate=CleanPlate(box=wide, roots=roots, noise=noise),
+        states=tracker.states(), cameras=cameras,
+    )  # fmt: skip
+    return found, tracker.steadiness(model.lowres_box(object_box))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.view import View
@@ -19,7 +19,7 @@ from nlens_video.scene.scene_light import SceneLight
 
 def open_occlusion_source(
     objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
-    again: ReadAgain | None, seen: Callable[[], StillSurvey | None], light: SceneLight, *,
+    again: ReadAgain | None, seen: Callable[[], StaticCameraSurvey | None], light: SceneLight, *,
     asked_for: bool,
 ) -> tuple[OcclusionSource | None, Finding | None]:  # fmt: skip
     """The matte or depth file, what moves in the shot, or the plate's CoC.

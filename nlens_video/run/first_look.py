@@ -15,7 +15,7 @@ from threading import Event
 from nlens_video.core import signals
 from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.planner import OCCLUSION, EffectRequest
 from nlens_video.graph.scheduler import begin_in_thread, run_workers
 from nlens_video.run.plate_source import frame_s, opened
@@ -37,7 +37,7 @@ class FirstLook:
     """
 
     lens_rests: bool
-    survey: StillSurvey | None
+    survey: StaticCameraSurvey | None
 
 
 def follows_lens(settings: Settings) -> bool:
@@ -113,7 +113,7 @@ def first_look(settings: Settings, left: Event | None = None) -> FirstLook | Non
         if info.kind not in ("video", "sequence"):
             return None
         lens = _LensWatch(frame_s(info) or 1 / 25) if watches_lens else None
-        survey = StillSurvey((info.width, info.height)) if surveys else None
+        survey = StaticCameraSurvey((info.width, info.height)) if surveys else None
         frames = takewhile(lambda frame: end is None or frame.index < end, source)
         looks = [one for one in (lens, survey) if one is not None]
         with closing(run_workers(frames, ())) as decoded:

@@ -13,7 +13,7 @@ from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import Settings, SourceSettings
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.profiler import Profiler
@@ -54,7 +54,7 @@ class ShotPasses:
     """
 
     lens: Callable[[], LensPasses] = LensPasses
-    survey: Callable[[], StillSurvey | None] = lambda: None
+    survey: Callable[[], StaticCameraSurvey | None] = lambda: None
     under_way: bool = False
 
 

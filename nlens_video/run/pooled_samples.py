@@ -17,7 +17,7 @@ from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.settings import Settings
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.session import LensPasses
@@ -46,7 +46,7 @@ def passes(settings: Settings, look: Callable[[], FirstLook | None]) -> ShotPass
         track = lens_track_pass(settings, look()) if follows_lens(settings) else None
         return LensPasses(track, samples_of_other_frames(settings) if track is None else ())
 
-    def of_what_moves() -> StillSurvey | None:
+    def of_what_moves() -> StaticCameraSurvey | None:
         seen = look()
         return None if seen is None else seen.survey
 

@@ -1,4 +1,4 @@
-"""A shot in which a card passes an object: background, things and matte against what was made."""
+"""A card passes an object: background, detections, tracks and matte against the ground truth."""
 
 import cv2
 import numpy as np
@@ -6,12 +6,12 @@ import pytest
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
-from nlens_video.effects.foreground.background import Survey, gain, root
-from nlens_video.effects.foreground.looks import parted
+from nlens_video.effects.foreground.appearance import segment
+from nlens_video.effects.foreground.background import BackgroundSurvey, exposure_gain, sqrt_light
+from nlens_video.effects.foreground.detection import Detection, detect, foreground_mask
+from nlens_video.effects.foreground.frame_sampler import FrameSampler, upper_median
 from nlens_video.effects.foreground.matte import soft_matte
-from nlens_video.effects.foreground.reservoir import Reservoir, middle
-from nlens_video.effects.foreground.things import Seen, find_things, things_mask
-from nlens_video.effects.foreground.tracks import Tracks
+from nlens_video.effects.foreground.tracker import Tracker
 from nlens_video.effects.occlusion import moving_mattes
 from nlens_video.effects.occlusion_cues import MovingMatte
 from nlens_video.stages.composite import behind
@@ -35,77 +35,77 @@ def shot(index, light, *, drift=0.0, noise=0.5 / 255):
     seen = light.copy()
     seen[20:100, 6 * index : 6 * index + 30] = RED
     seen *= 1.0 + drift * index
-    return (root(seen) + rng.normal(0, noise, seen.shape)).astype(np.float32)
+    return (sqrt_light(seen) + rng.normal(0, noise, seen.shape)).astype(np.float32)
 
 
 @pytest.mark.parametrize("drift", [0.0, 0.02])
 def test_the_median_is_the_background_though_a_card_passes_and_the_exposure_drifts(drift):
     light = scene()
-    kept = Reservoir(most=15)
+    kept = FrameSampler(max_frames=15)
     first = shot(0, light)
     for index in range(28):
         roots = shot(index, light, drift=drift)
-        kept.add(roots / gain(roots, first))
+        kept.add(roots / exposure_gain(roots, first))
     found, noise = kept.median()
-    off = np.abs(found - root(light)).max(axis=2)
+    off = np.abs(found - sqrt_light(light)).max(axis=2)
     assert np.percentile(off, 98) < 2 / 255
     assert noise.max() < 0.2 and noise.min() >= 0.5 / 255
     assert kept.agreement(found, noise).mean() > 0.75
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 20, 21])
-def test_the_middle_of_pictures_is_that_of_partition(count):
+def test_the_upper_median_is_that_of_partition(count):
     pictures = np.random.default_rng(count).integers(0, 65536, (count, 7, 5, 3), np.uint16)
     expected = np.partition(pictures, count // 2, axis=0)[count // 2]
-    assert np.array_equal(middle(list(pictures)), expected)
+    assert np.array_equal(upper_median(list(pictures)), expected)
 
 
-def test_a_reservoir_keeps_evenly_spaced_pictures_and_no_more_than_allowed():
-    kept = Reservoir(most=4)
+def test_a_sampler_keeps_evenly_spaced_frames_and_no_more_than_allowed():
+    kept = FrameSampler(max_frames=4)
     for index in range(100):
         kept.add(np.full((1, 1, 3), 0.01 * index, np.float32))
-        assert len(kept._kept) <= 4
-    steps = np.diff([codes[0, 0, 0] for codes in kept._kept])
+        assert len(kept._frames) <= 4
+    steps = np.diff([codes[0, 0, 0] for codes in kept._frames])
     assert len(set(np.round(steps / 16383.0, 2))) == 1
 
 
 def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
-    survey = Survey(SHAPE[::-1])
+    survey = BackgroundSurvey(SHAPE[::-1])
     for index in range(28):
         survey.add(shot(index, scene()))
-    found = survey.result()
-    assert found.moves(Box(80, 40, 110, 80)) and not found.moves(Box(0, 104, 200, 120))
+    found = survey.model()
+    assert found.has_motion(Box(80, 40, 110, 80)) and not found.has_motion(Box(0, 104, 200, 120))
     assert found.certainty(Box(80, 40, 110, 80)) == 1.0
-    assert found.steady
+    assert found.is_static
 
 
 @pytest.mark.parametrize(("side", "far"), [(6, 0), (8, 4)])
-def test_the_edge_of_a_lamp_that_sways_goes_nowhere_and_a_small_thing_does(side, far):
+def test_the_edge_of_a_lamp_that_sways_goes_nowhere_and_a_small_target_does(side, far):
     light = scene()
     light = cv2.resize(light, (384, 205), interpolation=cv2.INTER_LINEAR)
-    survey = Survey((384, 205))
+    survey = BackgroundSurvey((384, 205))
     for index in range(30):
         seen = light.copy()
         left = 100 + far * (index - 14) if index in (12, 13) else 0
         if left:
             seen[60 : 60 + side - 1, left : left + side - 1] = RED
-        survey.add(root(seen))
-    small = survey.result()
-    assert small is not None
-    assert survey.changes(Box(80, 50, 140, 80))
-    assert small.moves(Box(80, 50, 140, 80)) == (far > 0)
+        survey.add(sqrt_light(seen))
+    model = survey.model()
+    assert model is not None
+    assert survey.has_change(Box(80, 50, 140, 80))
+    assert model.has_motion(Box(80, 50, 140, 80)) == (far > 0)
 
 
-def test_a_shadow_is_no_thing_and_what_casts_it_is():
+def test_a_shadow_is_background_and_what_casts_it_is_foreground():
     light = scene()
     seen = light.copy()
     seen[30:80, 40:60] = RED
     seen[80:90, 40:120] *= 0.55
     noise = np.full(SHAPE, 1 / 255, np.float32)
-    mask = things_mask(root(seen), root(light), noise)
+    mask = foreground_mask(sqrt_light(seen), sqrt_light(light), noise)
     assert mask[34:78, 42:58].all() and mask[83:, 64:].mean() < 0.02
-    (thing,) = find_things(mask)
-    assert thing.foot[1] == pytest.approx(80, abs=4)
+    (found,) = detect(mask)
+    assert found.foot[1] == pytest.approx(80, abs=4)
 
 
 @pytest.mark.parametrize(
@@ -117,41 +117,41 @@ def test_a_shadow_may_be_bluer_than_the_ground_and_not_redder(left, thing):
     light = scene()
     seen = light.copy()
     seen[40:80, 40:120] *= np.array(left, np.float32)
-    mask = things_mask(root(seen), root(light), np.full(SHAPE, 1 / 255, np.float32))
+    mask = foreground_mask(sqrt_light(seen), sqrt_light(light), np.full(SHAPE, 1 / 255, np.float32))
     share = mask[44:76, 44:116].mean()
     assert share > 0.9 if thing else share < 0.02
 
 
 def test_somebody_whose_legs_look_like_the_ground_now_and_then_goes_steadily():
     rng = np.random.default_rng(3)
-    lost, jumping = Tracks(), Tracks()
+    lost, jumping = Tracker(), Tracker()
     for index in range(40):
         left, legs = 20 + 3 * index, int(rng.integers(0, 31))
-        lost.add(index, [seen(Box(left, 20, left + 30, 110 - legs))], [0.3], 0.25)
+        lost.add(index, [detection(Box(left, 20, left + 30, 110 - legs))], [0.3], 0.25)
         lifted = Box(left, 20 - legs, left + 30, 110 - legs)
-        jumping.add(index, [seen(lifted)], [0.3], 0.25)
+        jumping.add(index, [detection(lifted)], [0.3], 0.25)
     whole = Box(0, 0, *SHAPE[::-1])
     assert lost.steadiness(whole) == 1.0
     assert jumping.steadiness(whole) < 0.6
 
 
 def passing(foot_of, contact=0.25):
-    """Orders of a thing of 20 px that passes, by the disparity of its foot on each frame."""
-    tracks = Tracks()
+    """Depth order of a target of 20 px that passes, by the disparity of its foot on each frame."""
+    tracker = Tracker()
     for index in range(40):
         box = Box(20 + 3 * index, 20, 40 + 3 * index, 100)
         mask = np.zeros((120, 200), np.bool_)
         mask[box.slices_in(Box(0, 0, 200, 120))] = True
-        tracks.add(index, find_things(mask), [foot_of(index)], contact)
-    return [things[0].before for _, things in sorted(tracks.ordered().items())]
+        tracker.add(index, detect(mask), [foot_of(index)], contact)
+    return [states[0].in_front for _, states in sorted(tracker.states().items())]
 
 
-def test_a_thing_is_before_the_object_where_its_foot_is_nearer():
+def test_a_target_is_in_front_of_the_object_where_its_foot_is_nearer():
     assert set(passing(lambda index: 0.3)) == {1.0}
     assert set(passing(lambda index: 0.2)) == {0.0}
 
 
-def test_the_order_changes_once_where_a_thing_walks_past_and_jitter_changes_nothing():
+def test_the_order_changes_once_where_a_target_walks_past_and_jitter_changes_nothing():
     rng = np.random.default_rng(3)
     orders = passing(lambda index: 0.2 + 0.1 * index / 39 + rng.normal(0, 0.003))
     assert (np.diff(orders) >= 0).all() and orders[0] == 0.0 and orders[-1] == 1.0
@@ -160,25 +160,27 @@ def test_the_order_changes_once_where_a_thing_walks_past_and_jitter_changes_noth
     assert set(lost) == {1.0}
 
 
-def test_what_stirs_in_its_place_is_no_thing_and_what_changes_its_shape_is_not_steady():
+def test_what_stirs_in_place_is_no_target_and_what_changes_its_shape_is_not_steady():
     rng = np.random.default_rng(5)
-    stirring, changing = Tracks(), Tracks()
+    stirring, changing = Tracker(), Tracker()
     for index in range(40):
         sway = int(rng.integers(0, 8))
-        stirring.add(index, [seen(Box(60 + sway, 20, 100 + sway, 90))], [0.3], 0.25)
+        stirring.add(index, [detection(Box(60 + sway, 20, 100 + sway, 90))], [0.3], 0.25)
         bottom = int(rng.integers(40, 110))
-        changing.add(index, [seen(Box(20 + 3 * index, 20, 60 + 3 * index, bottom))], [0.3], 0.25)
+        changing.add(
+            index, [detection(Box(20 + 3 * index, 20, 60 + 3 * index, bottom))], [0.3], 0.25
+        )
     whole = Box(0, 0, *SHAPE[::-1])
-    assert not stirring.ordered()
+    assert not stirring.states()
     assert changing.steadiness(whole) < 0.6
-    steady = Tracks()
+    steady = Tracker()
     for index in range(40):
-        steady.add(index, [seen(Box(20 + 3 * index, 20, 50 + 3 * index, 90))], [0.3], 0.25)
-    assert steady.steadiness(whole) == 1.0 and steady.ordered()
+        steady.add(index, [detection(Box(20 + 3 * index, 20, 50 + 3 * index, 90))], [0.3], 0.25)
+    assert steady.steadiness(whole) == 1.0 and steady.states()
 
 
-def seen(box):
-    return Seen(box, (0.5 * (box.x0 + box.x1), box.y1), box)
+def detection(box):
+    return Detection(box, (0.5 * (box.x0 + box.x1), box.y1), box)
 
 
 def test_shoes_belong_to_the_body_above_them_where_the_legs_have_the_ground_s_colour():
@@ -187,7 +189,7 @@ def test_shoes_belong_to_the_body_above_them_where_the_legs_have_the_ground_s_co
     mask[118:126, 100:110] = mask[120:127, 122:131] = True  # shoes
     mask[60:150, 200:250] = True  # somebody nearer, whose head is beside
     mask[160:170, 20:60] = True  # something on the ground, under nobody
-    (body, other, flat) = sorted(find_things(mask), key=lambda one: one.box.y0)
+    (body, other, flat) = sorted(detect(mask), key=lambda one: one.box.y0)
     assert (body.box.x0, body.box.y0, body.box.y1) == (100, 40, 127)
     assert body.foot[1] == 126.0
     assert other.box.y0 == 60 and flat.box.y0 == 160
@@ -197,23 +199,23 @@ def test_heads_of_those_who_stand_nearer_are_no_feet():
     mask = np.zeros((180, 320), np.bool_)
     mask[40:80, 100:120] = True
     mask[84:176, 98:140] = True
-    assert len(find_things(mask)) == 2
+    assert len(detect(mask)) == 2
 
 
-def test_two_things_that_meet_keep_their_orders():
-    tracks = Tracks()
+def test_two_merged_targets_keep_their_orders():
+    tracker = Tracker()
     for index in range(50):
         near = Box(4 * index, 20, 4 * index + 24, 115)
         far = Box(190 - 4 * index, 20, 208 - 4 * index, 80)
         mask = np.zeros((120, 210), np.bool_)
         for box in (near, far):
             mask[box.intersection(Box(0, 0, 210, 120)).slices_in(Box(0, 0, 210, 120))] = True
-        things = find_things(mask)
-        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in things]
-        tracks.add(index, things, feet, 0.3)
-    for things in tracks.ordered().values():
-        for one in things:
-            assert one.before == float(one.box.y1 > 100), one
+        detections = detect(mask)
+        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in detections]
+        tracker.add(index, detections, feet, 0.3)
+    for states in tracker.states().values():
+        for one in states:
+            assert one.in_front == float(one.box.y1 > 100), one
 
 
 def pair(index):
@@ -228,46 +230,46 @@ def pair(index):
     for box, colour in ((far, (0.05, 0.4, 0.1)), (near, (0.5, 0.05, 0.05))):
         at = box.intersection(frame).slices_in(frame)
         light[at], mask[at] = colour, True
-    return root(light), mask, near.intersection(frame), far.intersection(frame)
+    return sqrt_light(light), mask, near.intersection(frame), far.intersection(frame)
 
 
-def followed(count=36):
-    tracks = Tracks()
+def tracked(count=36):
+    tracker = Tracker()
     for index in range(count):
         roots, mask, *_ = pair(index)
-        things = find_things(mask)
-        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in things]
-        tracks.add(index, things, feet, 0.3, (roots, mask))
-    return tracks.ordered()
+        detections = detect(mask)
+        feet = [0.4 if one.foot[1] > 100 else 0.2 for one in detections]
+        tracker.add(index, detections, feet, 0.3, (roots, mask))
+    return tracker.states()
 
 
-def test_two_things_that_meet_are_parted_by_their_colours_where_their_boxes_overlap():
-    ordered = followed()
-    met = [index for index, things in ordered.items() if len(things) == 2 and len(
-        {one.region for one in things}) == 1]  # fmt: skip
+def test_two_merged_targets_are_segmented_by_their_colours_where_their_boxes_overlap():
+    states_of = tracked()
+    met = [index for index, states in states_of.items() if len(states) == 2 and len(
+        {one.blob_box for one in states}) == 1]  # fmt: skip
     assert len(met) > 5
     frame = Box(0, 0, *SHAPE[::-1])
     for index in met:
         roots, mask, near, far = pair(index)
-        things = sorted(ordered[index], key=lambda one: one.disparity)
-        region = things[0].region
-        shares = parted(
-            [one.look for one in things], [one.box for one in things],
-            roots[region.slices_in(frame)], region,
+        targets = sorted(states_of[index], key=lambda one: one.disparity)
+        blob_box = targets[0].blob_box
+        shares = segment(
+            [one.appearance for one in targets], [one.box for one in targets],
+            roots[blob_box.slices_in(frame)], blob_box,
         )  # fmt: skip
         of_near = np.zeros(SHAPE, np.float32)
-        of_near[region.slices_in(frame)] = shares[1]
+        of_near[blob_box.slices_in(frame)] = shares[1]
         true = np.zeros(SHAPE, np.bool_)
         true[near.slices_in(frame)] = True
         assert ((of_near > 0.5) == true)[mask].mean() > 0.95, index
 
 
-def test_things_that_part_again_are_told_by_their_colours():
-    last = followed(48)
+def test_targets_that_split_again_are_told_by_their_colours():
+    last = tracked(48)
     for index in (0, 3, 44, 46):
         _, _, near, _ = pair(index)
         for one in last[index]:
-            assert one.before == float(one.box.intersection(near) == near), (index, one.box)
+            assert one.in_front == float(one.box.intersection(near) == near), (index, one.box)
 
 
 @pytest.mark.parametrize("blur", [1.0, 3.0])
@@ -304,20 +306,20 @@ def test_what_stays_behind_hides_the_ground_alone():
 def test_the_border_of_the_frame_is_no_foot_that_jumps_but_jumping_to_it_is():
     shown = np.ones((120, 200), np.bool_)
     shown[100:] = False  # the frame's lower border
-    whole, coming, jumping = Box(0, 0, 200, 120), Tracks(), Tracks()
+    whole, coming, jumping = Box(0, 0, 200, 120), Tracker(), Tracker()
     for index in range(30):
         left = 20 + 3 * index
-        border = 100 - index % 2 * 8  # as a canvas sees it of a camera that is held by hand
+        border = 100 - index % 2 * 8  # as in the reference view of a hand-held camera
         frame = shown.copy()
         frame[border:] = False
-        for tracks, bottom in ((coming, border), (jumping, 100 if index % 3 else 60)):
+        for tracker, bottom in ((coming, border), (jumping, 100 if index % 3 else 60)):
             mask = np.zeros((120, 200), np.bool_)
             mask[20:bottom, left : left + 40] = True
-            things = find_things(mask, frame if tracks is coming else shown)
-            assert things[0].cut == (bottom >= 92)
-            tracks.add(index, things, [0.3], 0.25)
+            detections = detect(mask, frame if tracker is coming else shown)
+            assert detections[0].truncated == (bottom >= 92)
+            tracker.add(index, detections, [0.3], 0.25)
     assert coming.steadiness(whole) == 1.0
-    assert {things[0].before for things in coming.ordered().values()} == {1.0}
+    assert {states[0].in_front for states in coming.states().values()} == {1.0}
     assert jumping.steadiness(whole) < 0.6
 
 
@@ -325,5 +327,5 @@ def test_a_speck_on_the_ground_far_below_is_no_foot_of_the_body_above_it():
     mask = np.zeros((180, 320), np.bool_)
     mask[20:90, 100:130] = True
     mask[140:144, 110:114] = True
-    (body,) = find_things(mask)
-    assert body.box == Box(100, 20, 130, 90) and not body.cut
+    (body,) = detect(mask)
+    assert body.box == Box(100, 20, 130, 90) and not body.truncated

@@ -9,7 +9,7 @@ from support import shots, takes
 
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError
-from nlens_video.effects.foreground.still_survey import StillSurvey
+from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run import first_look as module
@@ -94,11 +94,11 @@ def test_survey_of_the_first_look_is_that_of_a_look_of_its_own(clip):
     look = first_look(given)
     with opened(given.source) as source:
         info = source.info
-    own = StillSurvey((info.width, info.height))
+    own = StaticCameraSurvey((info.width, info.height))
     for frame in read_again(given.source, info)(sparse=True):
         own.see(frame)
     assert own.times == look.survey.times
-    np.testing.assert_array_equal(own.survey.result().roots, look.survey.survey.result().roots)
+    np.testing.assert_array_equal(own.survey.model().roots, look.survey.survey.model().roots)
 
 
 def test_a_look_that_has_begun_is_the_look(clip):

@@ -1,9 +1,12 @@
-"""The background of a shot: what its pixels show where nothing moves.
+"""Background model of a shot: what each pixel shows where nothing moves.
 
-Pixels are compared by the square root of their light, in which noise is about as strong in shadows
-as in lights. Pictures are brought to the exposure of the first one by the median ratio of their
-light, which holds whatever moves in less than half of the picture. Pictures may lie on a canvas
-larger than they are: what one of them does not show is not a number there.
+Pixels are compared by the square root of their light (`roots`), in which noise is about as strong
+in dark pixels as in bright ones. Frames are brought to the exposure of the first one by the median
+ratio of their light, which holds as long as less than half of the picture moves. Frames may be
+warped into a reference view that is larger than they are; what a frame does not show of it is NaN.
+
+The model is kept at low resolution for the whole view (`BackgroundModel`), and at full resolution
+around the object (`CleanPlate`).
 """
 
 from __future__ import annotations
@@ -15,37 +18,45 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.reservoir import LEAST_PICTURES, MOVED, Reservoir, largest
-from nlens_video.effects.foreground.things import LEAST_AREA
+from nlens_video.effects.foreground.detection import MIN_BLOB_AREA
+from nlens_video.effects.foreground.frame_sampler import (
+    MIN_CHANGE,
+    MIN_FRAMES,
+    FrameSampler,
+    channel_max,
+)
 
-SMALL_WIDTH = 384
-"""Pictures are searched for things that move at this width at most [px]."""
-_DARKEST, _BRIGHTEST = 0.1, 0.97  # roots of light that tell a gain [1]
-_EVERY = 29  # pixels, for a gain
-_LEAST_WIDTH = 5  # pixels of the small picture, of what crosses a place; swaying edges are narrower
-_IN_PLACE = 0.625  # of all that a thing ever covers, which it covers at once if it goes nowhere [1]
-_LEAST_PATH = 1.6  # of the area of the least thing, that it covers in all if it goes anywhere
-_OFTEN = 3  # pictures on which what goes nowhere covers half as much
-_UNSTEADY = 8.0 / 255.0  # usual change of a root of light where the camera moves
-_MOST_UNSTEADY, _MOST_MOVING = 0.25, 0.75  # of the frame
+LOWRES_WIDTH = 384
+"""Largest width of the low resolution, at which motion is detected [px]."""
+_MIN_GAIN_ROOT, _MAX_GAIN_ROOT = 0.1, 0.97  # range of roots from which the gain is measured [1]
+_GAIN_STRIDE = 29  # every so many pixels are compared for the gain
+_MIN_MOTION_WIDTH_PX = 5  # width of a moving target; edges that sway are narrower [lowres px]
+_STATIONARY_COVER = 0.625
+"""Fraction of all pixels of a changing area that change on one frame, if it stays in place [1]."""
+_STATIONARY_FRAMES = 3  # frames on which such an area changes by half that fraction
+_MIN_PATH_AREA = 1.6  # area that a moving target sweeps over the shot, by `MIN_BLOB_AREA` [1]
+_MAX_STATIC_NOISE = 8.0 / 255.0  # noise of a pixel above which the camera seems to move [1]
+_MAX_NOISY, _MAX_CHANGED = 0.25, 0.75  # fractions of the pixels, in a shot of a static camera [1]
 
 
-def small_size(width: int, height: int) -> tuple[int, int]:
-    """Columns and rows at which a frame is searched [px]."""
-    scale = min(1.0, SMALL_WIDTH / width)
+def lowres_size(width: int, height: int) -> tuple[int, int]:
+    """Columns and rows of a frame at low resolution [px]."""
+    scale = min(1.0, LOWRES_WIDTH / width)
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def root(light: Float32) -> Float32:
+def sqrt_light(light: Float32) -> Float32:
     """Square root of light, 0 for negative light."""
     made = np.maximum(light, np.float32(0.0))
     return np.asarray(np.sqrt(made, out=made), np.float32)
 
 
-def gain(seen: Float32, background: Float32) -> Float32:
-    """Ratio of the roots of light (3,) of a picture (h, w, 3) to those of the background."""
-    now, then = (np.ascontiguousarray(one.reshape(-1, 3)[::_EVERY].T) for one in (seen, background))
-    each = (then > _DARKEST) & (then < _BRIGHTEST) & (now < _BRIGHTEST)
+def exposure_gain(roots: Float32, background: Float32) -> Float32:
+    """Ratio of the roots of light (3,) of a frame (h, w, 3) to those of the background."""
+    now, then = (
+        np.ascontiguousarray(one.reshape(-1, 3)[::_GAIN_STRIDE].T) for one in (roots, background)
+    )
+    each = (then > _MIN_GAIN_ROOT) & (then < _MAX_GAIN_ROOT) & (now < _MAX_GAIN_ROOT)
     known = each[0] & each[1] & each[2]
     if np.count_nonzero(known) < 0.02 * known.size:
         return np.ones(3, np.float32)
@@ -53,13 +64,13 @@ def gain(seen: Float32, background: Float32) -> Float32:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Background:
-    """The background of a region of the frame, in the exposure of the first frame.
+class CleanPlate:
+    """Background of a region at full resolution, in the exposure of the first frame.
 
     Attributes:
         box: the region.
         roots: square root of its scene-linear light (h, w, 3).
-        noise: standard deviation of a picture's (h, w) [1].
+        noise: standard deviation of a frame's roots of light (h, w) [1].
     """
 
     box: Box
@@ -68,92 +79,92 @@ class Background:
 
 
 @dataclass(slots=True)
-class Survey:
-    """A first look at a shot: where in the frame anything moves.
+class BackgroundSurvey:
+    """First pass over a shot: estimates the background at low resolution, and where anything moves.
 
     Attributes:
-        size: columns and rows of the frame, or of the canvas that frames are laid into [px].
-        pictures: that it was shown [1].
+        size: columns and rows of the frame or of its reference view, at full resolution [px].
+        frames: how many were added [1].
     """
 
     size: tuple[int, int]
-    _reservoir: Reservoir = field(default_factory=Reservoir)
-    pictures: int = 0
+    _sampler: FrameSampler = field(default_factory=FrameSampler)
+    frames: int = 0
     _first: Float32 | None = None
-    _low: Float32 | None = None
-    _high: Float32 | None = None
+    _minimum: Float32 | None = None
+    _maximum: Float32 | None = None
 
     def add(self, roots: Float32) -> None:
-        """Take the roots of light (h, w, 3) of the shot's next picture, at the small size."""
-        if self._first is None or self._low is None or self._high is None:
-            self._first, self._low, self._high = roots.copy(), roots.copy(), roots.copy()
+        """Add the roots of light (h, w, 3) of the shot's next frame, at low resolution."""
+        if self._first is None or self._minimum is None or self._maximum is None:
+            self._first, self._minimum, self._maximum = roots.copy(), roots.copy(), roots.copy()
         else:
-            roots = roots / gain(roots, self._first)
-            np.fmin(self._low, roots, out=self._low)
-            np.fmax(self._high, roots, out=self._high)
-            new = np.isnan(self._first[..., 0])
-            if new.any():
-                self._first[new] = roots[new]
-        self._reservoir.add(roots)
-        self.pictures += 1
+            roots = roots / exposure_gain(roots, self._first)
+            np.fmin(self._minimum, roots, out=self._minimum)
+            np.fmax(self._maximum, roots, out=self._maximum)
+            unknown = np.isnan(self._first[..., 0])
+            if unknown.any():
+                self._first[unknown] = roots[unknown]
+        self._sampler.add(roots)
+        self.frames += 1
 
-    def changes(self, box: Box) -> bool:
-        """Whether anything as wide as what matters changes in a box of the frame."""
-        if self._low is None or self._high is None:
+    def has_change(self, box: Box) -> bool:
+        """Whether an area as wide as a moving target changes in a box of the frame."""
+        if self._minimum is None or self._maximum is None:
             return False
-        changed = _widely(largest(self._high - self._low) > MOVED)
+        changed = _remove_narrow(channel_max(self._maximum - self._minimum) > MIN_CHANGE)
         height, width = changed.shape
-        small = _small(box, self.size, (width, height))
-        return bool(changed[small.slices_in(Box(0, 0, width, height))].any())
+        lowres = _lowres_box(box, self.size, (width, height))
+        return bool(changed[lowres.slices_in(Box(0, 0, width, height))].any())
 
-    def result(self) -> SmallBackground | None:
-        """The shot's background at a small size, None with few pictures."""
-        if self._low is None or self._high is None or self.pictures < LEAST_PICTURES:
+    def model(self) -> BackgroundModel | None:
+        """The background model, None from too few frames."""
+        if self._minimum is None or self._maximum is None or self.frames < MIN_FRAMES:
             return None
-        roots, noise = self._reservoir.median()
-        moved = largest(np.maximum(self._high - roots, roots - self._low))
-        seen = self._reservoir.shown >= LEAST_PICTURES
+        roots, noise = self._sampler.median()
+        change = channel_max(np.maximum(self._maximum - roots, roots - self._minimum))
+        seen = self._sampler.valid_counts >= MIN_FRAMES
         if not seen.any():
             return None
-        limit = max(MOVED, 8.0 * float(np.median(noise[seen])))
-        return SmallBackground(
-            size=self.size, roots=roots, noise=noise, changed=moved > limit,
-            travelled=self._travelled(roots, _widely(moved > limit), limit),
-            agreement=self._reservoir.agreement(roots, noise), seen=seen,
+        limit = max(MIN_CHANGE, 8.0 * float(np.median(noise[seen])))
+        return BackgroundModel(
+            size=self.size, roots=roots, noise=noise, changed=change > limit,
+            travelled=self._travelled(roots, _remove_narrow(change > limit), limit),
+            agreement=self._sampler.agreement(roots, noise), seen=seen,
         )  # fmt: skip
 
     def _travelled(self, roots: Float32, changed: Bool, limit: float) -> Bool:
-        """Where (h, w) something changes that goes anywhere.
+        """Where (h, w) the changes are those of a target that travels.
 
-        What stirs, or a lamp that flickers, covers on one picture most of what it ever covers, and
-        does so again and again; what is fast is at a place only once. What the least thing would
-        cover as it goes by is more than the edge of a lamp that sways.
+        What stirs in place, like a lamp that flickers, covers most of its connected changed area on
+        a single frame, and does so on several frames. A fast target is at each place only once. A
+        small changed area is the edge of something that sways: the smallest target sweeps more.
         """
         count, labels = cv2.connectedComponents(changed.astype(np.uint8))
-        whole = np.bincount(labels.ravel(), minlength=count)
-        shares = [
-            np.bincount(labels[off > limit], minlength=count) / np.maximum(whole, 1)
-            for off in self._reservoir.off(roots)
+        areas = np.bincount(labels.ravel(), minlength=count)
+        covers = [
+            np.bincount(labels[deviation > limit], minlength=count) / np.maximum(areas, 1)
+            for deviation in self._sampler.deviations(roots)
         ]
-        often = (np.array(shares) > 0.5 * _IN_PLACE).sum(axis=0) >= _OFTEN
-        stays = often & (np.max(shares, axis=0) > _IN_PLACE)
-        stays |= whole < _LEAST_PATH * LEAST_AREA * labels.size
-        stays[0] = True
-        return np.asarray(~stays[labels])
+        frequent = (np.array(covers) > 0.5 * _STATIONARY_COVER).sum(axis=0) >= _STATIONARY_FRAMES
+        stationary = frequent & (np.max(covers, axis=0) > _STATIONARY_COVER)
+        stationary |= areas < _MIN_PATH_AREA * MIN_BLOB_AREA * labels.size
+        stationary[0] = True
+        return np.asarray(~stationary[labels])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SmallBackground:
-    """The background of a whole shot, at a small size.
+class BackgroundModel:
+    """Background of a whole shot at low resolution.
 
     Attributes:
-        size: columns and rows of the frame, or of the canvas that frames are laid into [px].
+        size: columns and rows of the frame or of its reference view, at full resolution [px].
         roots: square root of its scene-linear light (h, w, 3).
-        noise: standard deviation of a picture's (h, w) [1].
+        noise: standard deviation of a frame's roots of light (h, w) [1].
         changed: where anything changes over the shot (h, w).
-        travelled: where something does that goes anywhere (h, w).
-        agreement: share of the pictures that show the background (h, w) [1].
-        seen: where enough pictures show anything (h, w).
+        travelled: where the changes are those of a target that travels (h, w).
+        agreement: fraction of the frames that show the background (h, w) [1].
+        seen: where enough frames show the pixel (h, w).
     """
 
     size: tuple[int, int]
@@ -165,54 +176,55 @@ class SmallBackground:
     seen: Bool
 
     def normalised(self, roots: Float32) -> Float32:
-        """A picture (h, w, 3) in the background's exposure, which it is where one is unknown."""
-        roots = np.asarray(roots / gain(roots, self.roots), np.float32)
+        """A frame (h, w, 3) in the background's exposure; unknown pixels show the background."""
+        roots = np.asarray(roots / exposure_gain(roots, self.roots), np.float32)
         unknown = np.isnan(roots[..., 0]) | ~self.seen
         if unknown.any():
             roots[unknown] = self.roots[unknown]
         return roots
 
-    def small(self, box: Box) -> Box:
-        """A box of the frame on the small picture, inside it."""
+    def lowres_box(self, box: Box) -> Box:
+        """The box at low resolution around a box at full resolution, inside the picture."""
         height, width = self.noise.shape
-        return _small(box, self.size, (width, height))
+        return _lowres_box(box, self.size, (width, height))
 
-    def moves(self, box: Box) -> bool:
-        """Whether anything crosses a box of the frame."""
-        small = self.small(box)
-        if small.empty:
+    def has_motion(self, box: Box) -> bool:
+        """Whether a target travels through a box at full resolution."""
+        lowres = self.lowres_box(box)
+        if lowres.empty:
             return False
-        return bool(self.travelled[small.slices_in(Box(0, 0, *self.noise.shape[::-1]))].any())
+        return bool(self.travelled[lowres.slices_in(Box(0, 0, *self.noise.shape[::-1]))].any())
 
     @property
-    def steady(self) -> bool:
-        """Whether the camera stands still, and most of the picture with it."""
-        unsteady = float((self.noise > _UNSTEADY)[self.seen].mean())
-        moving = float(_opened(self.changed, 2)[self.seen].mean())
-        return unsteady < _MOST_UNSTEADY and moving < _MOST_MOVING
+    def is_static(self) -> bool:
+        """Whether the camera, and most of the picture, does not move."""
+        noisy = float((self.noise > _MAX_STATIC_NOISE)[self.seen].mean())
+        changed = float(_opening(self.changed, 2)[self.seen].mean())
+        return noisy < _MAX_NOISY and changed < _MAX_CHANGED
 
     def certainty(self, box: Box) -> float:
-        """Share of a box of the frame whose background most pictures show [1]."""
-        small = self.small(box)
-        if small.empty:
+        """Fraction of a box at full resolution whose background most frames show [1]."""
+        lowres = self.lowres_box(box)
+        if lowres.empty:
             return 0.0
-        part = self.agreement[small.slices_in(Box(0, 0, *self.noise.shape[::-1]))]
+        part = self.agreement[lowres.slices_in(Box(0, 0, *self.noise.shape[::-1]))]
         return float((part >= 0.5).mean())
 
 
-def _small(box: Box, size: tuple[int, int], small: tuple[int, int]) -> Box:
-    """A box of a frame of a size on a small picture of it, inside that."""
-    x, y = small[0] / size[0], small[1] / size[1]
+def _lowres_box(box: Box, size: tuple[int, int], lowres: tuple[int, int]) -> Box:
+    """The box at low resolution around a box at full resolution, inside the picture."""
+    x, y = lowres[0] / size[0], lowres[1] / size[1]
     return Box(
         math.floor(box.x0 * x), math.floor(box.y0 * y),
         math.ceil(box.x1 * x), math.ceil(box.y1 * y),
-    ).intersection(Box(0, 0, *small))  # fmt: skip
+    ).intersection(Box(0, 0, *lowres))  # fmt: skip
 
 
-def _widely(changed: Bool) -> Bool:
-    return _opened(changed, _LEAST_WIDTH)
+def _remove_narrow(changed: Bool) -> Bool:
+    return _opening(changed, _MIN_MOTION_WIDTH_PX)
 
 
-def _opened(mask: Bool, side: int) -> Bool:
+def _opening(mask: Bool, side: int) -> Bool:
+    """Morphological opening by a square of a side [px]."""
     element = np.ones((side, side), np.uint8)
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, element) > 0

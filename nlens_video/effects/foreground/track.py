@@ -1,4 +1,4 @@
-"""One thing over the frames of a shot."""
+"""Track of one target over the frames of a shot."""
 
 from __future__ import annotations
 
@@ -14,217 +14,227 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.looks import Look, middle
-from nlens_video.effects.foreground.meeting import Placed
-from nlens_video.effects.foreground.things import Seen
+from nlens_video.effects.foreground.appearance import AppearanceModel, torso_column
+from nlens_video.effects.foreground.detection import Detection
+from nlens_video.effects.foreground.mutual_occlusion import Localization
 
-_TRAVELS = 0.6  # of its own size, that a thing must go [1]
-_JUMP = 0.08  # of its height, by which the foot of a thing that goes its way does not jump [1]
-_BODY = 0.6  # of the height of somebody, that is seen without legs that look like the ground [1]
-_TALL = 0.75  # quantile of its heights, of those with legs
-KNOWN = 6
-"""Frames by which the motion of a thing is known."""
-LEAST_APART = 2
-"""Frames that tell a thing's looks."""
-_GAIT = 16  # frames whose places tell a motion: more than a stride
-_MOST_HIDDEN = 25  # frames for which a thing is followed that none of it is seen of
-_HIDDEN = 0.3  # share of a thing below which it counts as not seen [1]
+MOTION_FRAMES = 6
+"""Isolated frames from which the motion of a target is known."""
+MIN_ISOLATED_FRAMES = 2
+"""Isolated frames from which the appearance of a target is known."""
+_MOTION_WINDOW = 16  # frames from which motion is estimated: more than a stride
+_MAX_HIDDEN_FRAMES = 25  # frames for which a target is tracked while it is hidden
+_MIN_VISIBILITY = 0.3  # visible fraction of a target below which it is hidden [1]
+_MIN_TRAVEL = 0.6  # way of a target that travels, by the size of its box [1]
+_MIN_JUMP = 0.08  # second difference of a position that is a jump, by the target's height [1]
+_BODY_HEIGHT = 0.6  # height of a person detected without legs, by the full height [1]
+_FULL_HEIGHT_QUANTILE = 0.75  # quantile of a track's heights that is the full height [1]
 
 
 @dataclass(slots=True)
 class Track:
-    """A thing over the frames of a shot.
+    """A target over the frames of a shot.
+
+    On each of its frames a target is either isolated, the only one in its blob, or merged.
 
     Attributes:
         frames: numbers of the frames.
-        boxes: on the small picture; while it meets others, around the middle of its upper half.
-        regions: boxes around the connected regions that it is in.
-        middles: column of the middle of its upper half [px].
-        feet: disparity of the ground where it stands [1 / scene unit]; not a number where another
-            thing may hide that place.
-        contacts: disparity of the object's contact with the ground [1 / scene unit].
-        cut: on which of the frames its foot is below the frame.
-        apart: on which it meets no other.
-        pieces: on a frame, regions of parts of it that are apart from the rest.
-        hidden: frames since so much of it was seen that tells where it is [1].
-        traced: whether it was sought on the frames before the first one.
-        look: its colours and its outline.
+        boxes: its box at low resolution; while merged, centred on the torso.
+        blob_boxes: bounding box of the blob that it is in.
+        torso_columns: mean column of its upper half [px].
+        foot_disparities: disparity of the ground at its foot [1 / scene unit]; NaN where another
+            target may hide the foot.
+        contact_disparities: disparity of the object's contact with the ground [1 / scene unit].
+        truncated: whether the frame's lower border cuts it.
+        isolated: whether it is isolated.
+        fragments: bounding boxes of its further blobs, by the number of the frame.
+        frames_hidden: frames since it was last visible [1].
+        backtracked: whether it was searched for on the frames before its first one.
+        appearance: its appearance model.
     """
 
     frames: list[int] = field(default_factory=list)
     boxes: list[Box] = field(default_factory=list)
-    regions: list[Box] = field(default_factory=list)
-    middles: list[float] = field(default_factory=list)
-    feet: list[float] = field(default_factory=list)
-    contacts: list[float] = field(default_factory=list)
-    cut: list[bool] = field(default_factory=list)
-    apart: list[bool] = field(default_factory=list)
-    pieces: dict[int, list[Box]] = field(default_factory=dict)
-    hidden: int = 0
-    traced: bool = False
-    look: Look = field(default_factory=Look)
-    _seen_apart: int = 0
-    _expected: dict[int, Box] = field(default_factory=dict)
+    blob_boxes: list[Box] = field(default_factory=list)
+    torso_columns: list[float] = field(default_factory=list)
+    foot_disparities: list[float] = field(default_factory=list)
+    contact_disparities: list[float] = field(default_factory=list)
+    truncated: list[bool] = field(default_factory=list)
+    isolated: list[bool] = field(default_factory=list)
+    fragments: dict[int, list[Box]] = field(default_factory=dict)
+    frames_hidden: int = 0
+    backtracked: bool = False
+    appearance: AppearanceModel = field(default_factory=AppearanceModel)
+    _isolated_count: int = 0
+    _predictions: dict[int, Box] = field(default_factory=dict)
 
-    def add(
-        self, index: int, thing: Seen, foot: float, contact: float,
-        picture: tuple[Float32, Bool] | None,
+    def add_isolated(
+        self, index: int, detection: Detection, foot: float, contact: float,
+        image: tuple[Float32, Bool] | None,
     ) -> None:  # fmt: skip
-        """Take the thing on its next frame, on which it meets no other."""
-        column = 0.5 * (thing.box.x0 + thing.box.x1 - 1)
-        if picture is not None:
-            column = middle(picture[1], thing.box)
-            self.look.add(*picture, thing.box)
-        self._add(index, thing.box, thing.region, column, foot, contact)
-        self.cut.append(thing.cut)
-        self.apart.append(True)
-        self._seen_apart += 1
-        self.hidden = 0
+        """Append a frame on which the target is isolated, and learn its appearance there."""
+        column = 0.5 * (detection.box.x0 + detection.box.x1 - 1)
+        if image is not None:
+            column = torso_column(image[1], detection.box)
+            self.appearance.update(*image, detection.box)
+        self._append(index, detection.box, detection.blob_box, column, foot, contact)
+        self.truncated.append(detection.truncated)
+        self.isolated.append(True)
+        self._isolated_count += 1
+        self.frames_hidden = 0
 
-    def meet(self, index: int, thing: Seen, placed: Placed, foot: float, contact: float) -> None:
-        """Take it on a frame on which it meets others in one region."""
-        column = 0.5 * (placed.box.x0 + placed.box.x1 - 1)
-        self._add(index, placed.box, thing.region, column, foot, contact)
-        self.cut.append(thing.cut)
-        self.apart.append(False)
-        self.hidden = 0 if placed.seen > _HIDDEN else self.hidden + 1
+    def add_merged(
+        self, index: int, blob: Detection, location: Localization, foot: float, contact: float
+    ) -> None:
+        """Append a frame on which the target is in a merged blob."""
+        column = 0.5 * (location.box.x0 + location.box.x1 - 1)
+        self._append(index, location.box, blob.blob_box, column, foot, contact)
+        self.truncated.append(blob.truncated)
+        self.isolated.append(False)
+        self.frames_hidden = 0 if location.visibility > _MIN_VISIBILITY else self.frames_hidden + 1
 
-    def met(self, index: int, thing: Seen, placed: Placed, foot: float, contact: float) -> None:
-        """Take it on a frame before its first one, or on one on which it seemed to be apart.
+    def revise_as_merged(
+        self, index: int, blob: Detection, location: Localization, foot: float, contact: float
+    ) -> None:
+        """Insert a frame before the first one, or replace one that was taken for isolated.
 
         Args:
-            index: of the frame.
-            thing: the region that it makes with others.
-            placed: where it is.
-            foot: disparity of the ground where it stands [1 / scene unit].
+            index: number of the frame.
+            blob: detection of the merged blob.
+            location: of the target in it.
+            foot: disparity of the ground at its foot [1 / scene unit].
             contact: that of the object's contact with the ground [1 / scene unit].
         """
-        at = self.frames.index(index) if index in self.frames else 0
+        i = self.frames.index(index) if index in self.frames else 0
         if index in self.frames:
-            self._seen_apart -= self.apart[at]
-            for kept in self._columns:
-                del kept[at]
-        self._expected.clear()
-        column = 0.5 * (placed.box.x0 + placed.box.x1 - 1)
-        values = index, placed.box, thing.region, column, foot, contact, thing.cut, False
-        for kept, value in zip(self._columns, values, strict=True):
-            kept.insert(at, value)
+            self._isolated_count -= self.isolated[i]
+            for column in self._table:
+                del column[i]
+        self._predictions.clear()
+        torso = 0.5 * (location.box.x0 + location.box.x1 - 1)
+        row = index, location.box, blob.blob_box, torso, foot, contact, blob.truncated, False
+        for column, value in zip(self._table, row, strict=True):
+            column.insert(i, value)
 
-    def is_in(self, index: int, thing: Seen) -> bool:
-        """Whether it is in a region of a frame."""
-        return index in self.frames and self.regions[self.frames.index(index)] == thing.region
+    def is_in_blob(self, index: int, blob: Detection) -> bool:
+        """Whether it is in a blob of a frame."""
+        return index in self.frames and self.blob_boxes[self.frames.index(index)] == blob.blob_box
 
-    def is_apart(self, index: int) -> bool:
-        """Whether it was seen apart on a frame."""
-        return index in self.frames and self.apart[self.frames.index(index)]
+    def is_isolated(self, index: int) -> bool:
+        """Whether it is isolated on a frame."""
+        return index in self.frames and self.isolated[self.frames.index(index)]
 
-    def moved_px(self, at: int) -> float:
-        """How far it went sideways to its frame of a number, swinging limbs included [px].
+    def displacement_px(self, i: int) -> float:
+        """Sideways displacement from the frame before to its i-th one [px].
 
-        Of what meets others only the middle is known.
+        That of the box' edges, which includes swinging limbs; of a merged target that of the torso.
         """
-        last = max(0, at - 1)
-        if not (self.apart[at] and self.apart[last]):
-            return abs(self.middles[at] - self.middles[last])
-        now, then = self.boxes[at], self.boxes[last]
+        last = max(0, i - 1)
+        if not (self.isolated[i] and self.isolated[last]):
+            return abs(self.torso_columns[i] - self.torso_columns[last])
+        now, then = self.boxes[i], self.boxes[last]
         return float(max(abs(now.x0 - then.x0), abs(now.x1 - then.x1)))
 
     @property
-    def _columns(self) -> tuple[list[Any], ...]:
+    def _table(self) -> tuple[list[Any], ...]:
+        """The lists that have a value for each frame."""
         return (
-            self.frames, self.boxes, self.regions, self.middles, self.feet, self.contacts,
-            self.cut, self.apart,
+            self.frames, self.boxes, self.blob_boxes, self.torso_columns, self.foot_disparities,
+            self.contact_disparities, self.truncated, self.isolated,
         )  # fmt: skip
 
-    def _add(
-        self, index: int, box: Box, region: Box, column: float, foot: float, contact: float
+    def _append(
+        self, index: int, box: Box, blob_box: Box, column: float, foot: float, contact: float
     ) -> None:
-        self._expected.clear()
+        self._predictions.clear()
         self.frames.append(index)
         self.boxes.append(box)
-        self.regions.append(region)
-        self.middles.append(column)
-        self.feet.append(foot)
-        self.contacts.append(contact)
+        self.blob_boxes.append(blob_box)
+        self.torso_columns.append(column)
+        self.foot_disparities.append(foot)
+        self.contact_disparities.append(contact)
 
     @property
-    def known(self) -> bool:
-        """Whether it was seen apart often enough to be told from others that it meets."""
-        return self._seen_apart >= LEAST_APART and self.hidden <= _MOST_HIDDEN
+    def confirmed(self) -> bool:
+        """Whether its appearance is known, and it has not been hidden for too long."""
+        return (
+            self._isolated_count >= MIN_ISOLATED_FRAMES and self.frames_hidden <= _MAX_HIDDEN_FRAMES
+        )
 
     @property
-    def new(self) -> bool:
-        """Whether its motion is not known yet."""
-        return self._seen_apart < KNOWN
+    def motion_known(self) -> bool:
+        """Whether it has enough isolated frames to tell its motion."""
+        return self._isolated_count >= MOTION_FRAMES
 
     @property
-    def last_foot(self) -> float:
-        """The last disparity of its foot that was seen [1 / scene unit]."""
-        return next((foot for foot in reversed(self.feet) if not math.isnan(foot)), 0.0)
+    def last_foot_disparity(self) -> float:
+        """Disparity of the ground at its foot where that was last seen [1 / scene unit]."""
+        return next((foot for foot in reversed(self.foot_disparities) if not math.isnan(foot)), 0.0)
 
     @property
     def travels(self) -> bool:
-        """Whether it goes anywhere; what stirs in its place belongs to the background."""
+        """Whether it goes anywhere; what stirs in place belongs to the background."""
         boxes = np.array([(one.x0, one.y0, one.x1, one.y1) for one in self.boxes], float)
-        middles = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        centres = 0.5 * (boxes[:, :2] + boxes[:, 2:])
         sizes = np.median(boxes[:, 2:] - boxes[:, :2], axis=0)
-        return bool((np.ptp(middles, axis=0) > _TRAVELS * sizes).any())
+        return bool((np.ptp(centres, axis=0) > _MIN_TRAVEL * sizes).any())
 
     @property
-    def jumps(self) -> int:
-        """Frames on which it jumps from the line on which it goes, while it meets no other.
+    def jump_count(self) -> int:
+        """Frames on which it jumps off its path while it is isolated.
 
-        Its foot does, or its top while the frame's border cuts the foot. Where the top goes its way
-        the foot may jump by the length of legs: they look like the ground now and then.
+        What jumps is the foot, or the top where the frame's border cuts the foot. The foot alone
+        may jump by the length of legs, for these are not always told from the ground.
         """
         tops, feet = np.array([(box.y0, box.y1) for box in self.boxes], float).T
         heights = feet - tops
-        cut = _thrice(self.cut)  # a foot that jumps to the border and back is no such
-        tall = _thrice(heights >= _BODY * np.quantile(heights, _TALL))
+        cut = _all_of_three(self.truncated)  # a foot that jumps to the border and back still counts
+        tall = _all_of_three(heights >= _BODY_HEIGHT * np.quantile(heights, _FULL_HEIGHT_QUANTILE))
         of_top, of_foot = np.abs(np.diff(tops, 2)), np.abs(np.diff(feet, 2))
         bends = np.where(cut, of_top, np.where(tall, np.minimum(of_top, of_foot), of_foot))
-        return int((_thrice(self.apart) & (bends > _JUMP * np.median(heights))).sum())
+        return int((_all_of_three(self.isolated) & (bends > _MIN_JUMP * np.median(heights))).sum())
 
-    def expected(self, index: int) -> Box:
-        """Where it is on a frame beside its own if it goes as it went, or before as it went later.
+    def predict(self, index: int) -> Box:
+        """Its box on a frame after the last or before the first one, centred on the torso."""
+        if index not in self._predictions:
+            self._predictions[index] = self._extrapolate(index)
+        return self._predictions[index]
 
-        The box is around its upper half's middle.
-        """
-        if index not in self._expected:
-            self._expected[index] = self._expect(index)
-        return self._expected[index]
-
-    def _expect(self, index: int) -> Box:
+    def _extrapolate(self, index: int) -> Box:
         later, count = bisect_right(self.frames, index), len(self.frames)
-        near = range(later, count)[:_GAIT] or range(count)[-_GAIT:]
-        column = _ahead([self.frames[at] for at in near], [self.middles[at] for at in near], index)
-        alone = self._apart_among(range(later, count))
-        alone = alone or self._apart_among(reversed(range(later)))[::-1]
-        boxes = [self.boxes[at] for at in alone]
-        foot = _ahead([self.frames[at] for at in alone], [float(box.y1) for box in boxes], index)
+        near = range(later, count)[:_MOTION_WINDOW] or range(count)[-_MOTION_WINDOW:]
+        column = _predict_value(
+            [self.frames[i] for i in near], [self.torso_columns[i] for i in near], index
+        )
+        alone = self._first_isolated(range(later, count))
+        alone = alone or self._first_isolated(reversed(range(later)))[::-1]
+        boxes = [self.boxes[i] for i in alone]
+        foot = _predict_value(
+            [self.frames[i] for i in alone], [float(box.y1) for box in boxes], index
+        )
         width = median([float(box.width) for box in boxes])
         height = median([float(box.height) for box in boxes])
         left, top = round(column + 0.5 - 0.5 * width), round(foot - height)
         return Box(left, top, left + max(1, round(width)), top + max(1, round(height)))
 
-    def _apart_among(self, numbers: Iterable[int]) -> list[int]:
-        """The first of some of its frames' numbers on which it meets no other, `_GAIT` at most."""
-        return list(islice((at for at in numbers if self.apart[at]), _GAIT))
+    def _first_isolated(self, numbers: Iterable[int]) -> list[int]:
+        """The first isolated ones of some of its frames, at most `_MOTION_WINDOW`."""
+        return list(islice((i for i in numbers if self.isolated[i]), _MOTION_WINDOW))
 
 
-def _thrice(flags: npt.ArrayLike) -> Bool:
-    """Where a frame and both beside it are flagged (n - 2,)."""
+def _all_of_three(flags: npt.ArrayLike) -> Bool:
+    """Where a frame and both its neighbours are flagged (n - 2,)."""
     each = np.asarray(flags)
     return np.asarray(each[:-2] & each[1:-1] & each[2:])
 
 
-def _ahead(frames: list[int], values: list[float], index: int) -> float:
-    """A value on a frame beside these, by the median of the slopes between them."""
+def _predict_value(frames: list[int], values: list[float], index: int) -> float:
+    """Robust linear extrapolation: median of the slopes, then of the nearest values."""
     if len(values) < 2:
         return values[-1]
     half = len(values) // 2
     pairs = zip(values[half:], values, frames[half:], frames, strict=False)
     slope = median([(now - then) / (to - since) for now, then, to, since in pairs])
-    nearest = slice(-KNOWN, None) if index > frames[-1] else slice(KNOWN)
+    nearest = slice(-MOTION_FRAMES, None) if index > frames[-1] else slice(MOTION_FRAMES)
     near = zip(values[nearest], frames[nearest], strict=True)
-    return median([value + slope * (index - frame) for value, frame in near])
+    return median([value + slope * (index - other) for value, other in near])
