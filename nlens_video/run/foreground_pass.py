@@ -1,4 +1,4 @@
-"""A look at what moves in front of the object, kept for all runs that render parts of a shot."""
+"""Search for the moving foreground, once for all runs that render parts of a shot."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from nlens_video.video.atomic_files import replacing
 
 
 def foreground_pass(settings: Settings, path: Path) -> bool:
-    """Look for what moves in front of the object, and write what was found.
+    """Find what moves in front of the object, and write it to a file.
 
     Args:
-        settings: of the run; the whole shot is looked at, whatever its range.
+        settings: of the run; the whole shot is searched, whatever its range.
         path: the file, for `RealSettings.found`.
 
     Returns:
-        Whether there was anything to look for: a run does not look where it is told what is in
-        front, or simulates no occlusion, or its plate is no video or sequence.
+        Whether the search was made. It is not where a holdout is given, where the run simulates no
+        occlusion, and where the plate is no video or sequence.
 
     Raises:
         NlensError: as `run.render`.
