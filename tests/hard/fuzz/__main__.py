@@ -37,7 +37,7 @@ def kill(count: int) -> tuple[Tally, Tally]:
 
 def main(words: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="hard.fuzz", description=__doc__.split("\n")[0])
-    parser.add_argument("--inputs", type=int, default=101_000, help="damaged files in all")
+    parser.add_argument("--inputs", type=int, default=125_674, help="damaged files in all")
     parser.add_argument("--kills", type=int, default=100, help="runs to kill")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--page", type=Path, default=Path("docs/faults.md"))

@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hard.fuzz import seeds
-from hard.fuzz.mutate import changed_json, changed_text, damaged, json_bytes
+from hard.fuzz import seeds, texts
+from hard.fuzz.mutate import NASTY_SHOT, changed_json, changed_text, damaged, json_bytes
 
 from nlens_video.core.errors import OutputError
 from nlens_video.video.info import Packet
@@ -53,6 +53,10 @@ def _glb_json(data: bytes, rng: random.Random, other: bytes) -> bytes:
 
 def _text(data: bytes, rng: random.Random, other: bytes) -> bytes:
     return changed_text(data.decode(), rng).encode(errors="surrogatepass")
+
+
+def _shot_text(data: bytes, rng: random.Random, other: bytes) -> bytes:
+    return changed_text(data.decode(), rng, NASTY_SHOT).encode(errors="surrogatepass")
 
 
 def _use_scene(path: Path) -> None:
@@ -189,6 +193,22 @@ KINDS = {
         Kind("fit.json: its values", ".json", seeds.fits, _use_fit, _json_of, 10.0),
         Kind("pipeline: bytes", ".toml", seeds.pipelines, _use_pipeline, share=5.0),
         Kind("pipeline: its lines", ".toml", seeds.pipelines, _use_pipeline, _text, 5.0),
+        Kind("shot file: bytes", ".toml", texts.shots, texts.use_shot, share=2.0),
+        Kind("shot file: its lines", ".toml", texts.shots, texts.use_shot, _shot_text, 3.0),
+        Kind("list of shots", ".toml", texts.jobs, texts.use_jobs, _shot_text, 2.0),
+        Kind("camera.json: bytes", ".json", texts.cameras(".json"), texts.use_camera, share=2.0),
+        Kind(
+            "camera.json: its values",
+            ".json",
+            texts.cameras(".json"),
+            texts.use_camera,
+            _json_of,
+            3.0,
+        ),
+        Kind("camera of a .chan", ".chan", texts.cameras(".chan"), texts.use_camera, share=2.0),
+        Kind("camera of fSpy", ".json", texts.fspy_files, texts.use_camera, _json_of, 2.0),
+        Kind("camera of COLMAP", ".txt", texts.colmap_models, texts.use_colmap, share=2.0),
+        Kind("camera of a .usda", ".usda", texts.cameras(".usda"), texts.use_camera, share=0.2),
         Kind("exr", ".exr", seeds.layers, _use_layer, share=3.0, native=True),
         Kind(
             "hdr environment", ".hdr", seeds.environments, _use_environment, share=3.0, native=True

@@ -147,7 +147,11 @@ def json_bytes(document: object) -> bytes:
     return json.dumps(document).encode()
 
 
-def changed_text(text: str, rng: random.Random) -> str:
+NASTY_SHOT = (*_NASTY_TOML, r'"a\u0000b"', "[" * 20_000, "0x" + "f" * 5000, "[0, 1]", '"0x1p4"')
+"""Trouble for files whose values become paths and words of a command line."""
+
+
+def changed_text(text: str, rng: random.Random, trouble: tuple[str, ...] = _NASTY_TOML) -> str:
     """Lines left out, doubled or swapped; words replaced by those of other lines or by trouble."""
     lines = text.splitlines(keepends=True)
     for _ in range(rng.choice((1, 1, 2, 3, 5))):
@@ -165,5 +169,5 @@ def changed_text(text: str, rng: random.Random) -> str:
             lines[at] = " ".join(words)
         else:
             head = lines[at].split("=")[0]
-            lines[at] = f"{head}= {rng.choice(_NASTY_TOML)}\n"
+            lines[at] = f"{head}= {rng.choice(trouble)}\n"
     return "".join(lines)

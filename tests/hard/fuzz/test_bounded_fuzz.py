@@ -58,6 +58,11 @@ def test_fit_file_of_random_numbers_is_refused_in_one_line(tmp_path, changes):
         ("pipeline: bytes", f"a = {'[' * 100_000}"),
         ("pipeline: bytes", f"a = {'9' * 5000}"),
         ("glb: bytes", "glTF"),
+        ("shot file: bytes", f"a = {'[' * 100_000}"),
+        ("shot file: bytes", 'version = 1\n[plate]\nfile = "a\\u0000b"\n'),
+        ("list of shots", f"a = {'[' * 100_000}"),
+        ("list of shots", '[[shot]]\nshot = "a\\u0000b.toml"\n'),
+        ("camera.json: bytes", "[" * 100_000),
     ],
 )
 def test_endless_text_file_is_refused_in_one_line(tmp_path, kind, text):
