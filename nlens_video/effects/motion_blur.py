@@ -20,6 +20,7 @@ import numpy as np
 
 from nlens_video.core.box import Int64
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectLayer
+from nlens_video.effects.motion_turn import shared_turn
 
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33
@@ -29,6 +30,8 @@ _NEAREST = 1e-9  # least depth, against division by 0 [scene unit]
 _SAMPLED_STEP_PX = 4.0  # what lies on the ground is soft or faint
 _SUB_STEPS = 8  # samples of the line filter by pixel
 _NOTHING = Box(0, 0, 0, 0)
+_FULL_HD_PX = 1920 * 1080
+_MOST_TIMES = 4.0  # so many samples are taken of what is small, for one of what fills the frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,15 +45,19 @@ class Motion:
         ways: mean motion of the vertices in each of an odd number of equal parts of the interval,
             columns and rows (K, 2) [px].
         overscan: the frame and what is rendered beside it, empty where the object stays out of it.
-        beyond: the sharp object, where the filter brings some of it in from outside the frame.
+        turn: from one sample to the next, as of `shared_turn`, where more samples would be needed
+            than are taken; it stands in for the ways.
+        beyond: strips beside the frame of which the filter brings something in, each with the sharp
+            object as far around it as the lens spreads it.
     """
 
     span_px: float
     spread_px: float
     refocus_px: float
     ways: Float64
+    turn: Float64 | None = None
     overscan: Box = _NOTHING
-    beyond: ObjectLayer | None = None
+    beyond: tuple[tuple[Box, ObjectLayer], ...] = ()
 
     @property
     def parts(self) -> list[range]:
@@ -117,8 +124,22 @@ def _halves(places: Sequence[Float64]) -> tuple[Float64, Float64]:
     return along, along[1:] - along[:-1]
 
 
+def affordable_moments(most: int, places: Sequence[Float64], frame: Box) -> int:
+    """As many temporal samples of an object as cost what the limit does where it fills full HD.
+
+    Args:
+        most: limit for such an object.
+        places: positions of vertices (V, 2) while the shutter is open [px].
+        frame: the frame's own box.
+    """
+    low = np.clip(np.min([one.min(axis=0) for one in places], axis=0), (frame.x0, frame.y0), None)
+    high = np.clip(np.max([one.max(axis=0) for one in places], axis=0), None, (frame.x1, frame.y1))
+    area = max(1.0, float(np.prod(np.maximum(high - low, 0.0))))
+    return int(most * min(max(1.0, _FULL_HD_PX / area), _MOST_TIMES))
+
+
 def measure_motion(
-    places: Sequence[Float64], coc_px: Float64, most: int = MOST_MOMENTS
+    places: Sequence[Float64], coc_px: Float64, most: int = MOST_MOMENTS, affordable: int = 0
 ) -> Motion | None:
     """Motion of an object while the shutter is open; None where it is negligible.
 
@@ -127,13 +148,19 @@ def measure_motion(
             closes [px].
         coc_px: their signed CoC diameters then (3, V), 0 where the lens is not known [px].
         most: limit of the number of temporal samples.
+        affordable: limit instead of that where no one map moves all vertices, if it is higher.
     """
     along, halves = _halves(places)
     span = float(_path_px(halves).max(initial=0.0))
     if span < NEGLIGIBLE_SPAN_PX:
         return None
     spread = _path_px(halves - halves.mean(axis=2, keepdims=True))
-    count = moment_count(spread, np.abs(coc_px).min(axis=0), most)
+    least_coc = np.abs(coc_px).min(axis=0)
+    count, turn = moment_count(spread, least_coc, most), None
+    wanted = moment_count(spread, least_coc, max(most, affordable)) if count > 1 else count
+    if wanted > count:
+        turn = shared_turn(places, count)
+        count = wanted if turn is None else count
     start, half_way, end = along.mean(axis=2)
     # the mean's path is a parabola through its three positions
     at = np.linspace(-1.0, 1.0, count + 1)[:, None]
@@ -143,6 +170,7 @@ def measure_motion(
         spread_px=float(spread.max()),
         refocus_px=float(np.ptp(coc_px, axis=0).max()),
         ways=np.diff(centres, axis=0),
+        turn=turn,
     )
 
 

@@ -80,13 +80,25 @@ def lens_beyond(lens: ReblurLayer, frame: Box, box: Box) -> ReblurLayer:
     return replace(lens, scatter=scatter)
 
 
-def joined(layers: Sequence[BlurredLayer]) -> BlurredLayer:
-    """Layers that do not overlap as one."""
-    held = [layer for layer in layers if not layer.box.empty]
-    if len(held) == 1:
-        return held[0]
-    box = reduce(Box.union, (layer.box for layer in held), Box(0, 0, 0, 0))
+def beside(blurred: BlurredLayer | None, frame: Box, parts: Sequence[BlurredLayer]) -> BlurredLayer:
+    """A layer inside the frame with what is beside it, as one.
+
+    Args:
+        blurred: the layer; None for nothing.
+        frame: the frame's own box, in which nothing else counts.
+        parts: what is beside the frame.
+    """
+    blurred = blurred or BlurredLayer.nothing()
+    held = [part for part in parts if not part.box.empty]
+    if not held:
+        return blurred
+    box = reduce(Box.union, (part.box for part in held), blurred.box)
     rgba = np.zeros((box.height, box.width, 4), np.float32)
-    for layer in held:
-        rgba[layer.box.slices_in(box)] = layer.rgba
+    for part in held:
+        rgba[part.box.slices_in(box)] = part.rgba
+    inside = frame.intersection(box)
+    if not inside.empty:
+        rgba[inside.slices_in(box)] = 0.0
+    if not blurred.box.empty:
+        rgba[blurred.box.slices_in(box)] = blurred.rgba
     return BlurredLayer(box=box, rgba=rgba)

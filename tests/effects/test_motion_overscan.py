@@ -144,3 +144,11 @@ def test_line_filter_of_any_motion_is_bounded_by_the_frame():
     assert kernel.sum() == pytest.approx(2 * WIDTH / 1e7, rel=0.01)
     short = np.array([31.0, 7.0])
     np.testing.assert_array_equal(line_kernel(short, (WIDTH, HEIGHT)), line_kernel(short))
+
+
+def test_arm_that_turns_faster_than_it_is_sampled_is_whole_at_the_border(tmp_path):
+    card = {"half": (60.0, 4.0), "way": 0.0, "at": 10.0, "turn": 170.0}
+    card |= {"preset": "standard", "coc_px": 0.0}
+    seen, truth = (composited(tmp_path, w, **card) for w in (WIDTH, WIDTH + 2 * BESIDE))
+    assert truth[:, :20].max() > 40
+    assert np.abs(seen - truth).max() <= 2

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,6 +75,10 @@ class ObjectSource(ABC):
             fit: the lens, None where it is not known.
             beyond_px: how much farther, where the object comes in while the shutter is open [px].
         """
+
+    def render_part(self, bounds: ScreenBounds, box: Box) -> ObjectLayer | None:
+        """The sharp layer of a box that may lie beyond the frame; None where nothing is known."""
+        return None
 
     def camera(self, time_s: float) -> Camera:
         """The camera at a moment of the plate [s]."""
@@ -177,6 +181,12 @@ class RenderedObject(ObjectSource):
         return self.renderer.render(
             bounds.time_s, bounds.camera, margin, plate_light=bounds.plate_light
         )
+
+    def render_part(self, bounds: ScreenBounds, box: Box) -> ObjectLayer | None:
+        """As of `ObjectSource`."""
+        camera = bounds.camera.cropped(box)
+        layer = self.renderer.render(bounds.time_s, camera, plate_light=bounds.plate_light)
+        return layer and replace(layer, box=layer.box.moved(box.x0, box.y0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

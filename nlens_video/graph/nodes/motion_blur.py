@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -14,21 +15,24 @@ from nlens_video.effects.motion_blur import (
     MOST_MOMENTS,
     NEGLIGIBLE_SPAN_PX,
     Motion,
+    affordable_moments,
     mean_layer,
     mean_of_blurred,
     measure_motion,
     motion_blurred,
 )
 from nlens_video.effects.motion_overscan import (
+    beside,
     farthest_px,
-    joined,
     lens_beyond,
     overscan,
     strips,
 )
+from nlens_video.effects.motion_turn import turn_px, turned
 from nlens_video.effects.planner import MOTION_BLUR
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.nodes.reblur import make_reblur
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
 
 if TYPE_CHECKING:
@@ -64,19 +68,27 @@ class MeasureMotion(Node):
         disparity = np.array([1.0 / places[:, 2] for places in known], np.float32)
         coc_px = np.zeros(disparity.shape) if fit is None else fit.coc_px(disparity).astype(float)
         places = [one[:, :2] for one in known]
-        motion = measure_motion(places, coc_px, self._most_moments)
+        affordable = affordable_moments(self._most_moments, places, view.box)
+        motion = measure_motion(places, coc_px, self._most_moments, affordable)
         if motion is None:
             return None
         reach = 0.5 * float(np.abs(coc_px).max(initial=0.0)) * max(1.0, view.pixel_aspect)
         # one filter takes the layer of the middle, temporal samples those of the whole way
         rendered = places if len(motion.ways) > 1 else places[1:2]
         frame = view.box.expanded(view.overscan_px)
-        half_px = 0.5 * np.abs(motion.ways.mean(axis=0))
+        if motion.turn is None:
+            half_px = 0.5 * np.abs(motion.ways.mean(axis=0))
+        else:
+            half_px = np.full(2, 0.5 * turn_px(motion.turn, places[1]))
         box = overscan(rendered, half_px, reach, frame)
-        beyond = None
-        if len(motion.ways) == 1 and (farther := farthest_px(box, frame)):
-            beyond = self._objects.render(bounds, fit, farther)
-        return replace(motion, overscan=box, beyond=beyond)
+        beyond = []
+        if len(motion.ways) == 1 and farthest_px(box, frame):
+            around = math.ceil(min(reach, furthest_reach(view.pixel_aspect))) + 1
+            for strip in strips(box, view.box):
+                layer = self._objects.render_part(bounds, strip.expanded(around))
+                if layer is not None:
+                    beyond.append((strip, layer))
+        return replace(motion, overscan=box, beyond=tuple(beyond))
 
 
 def followed(seen: Sequence[Float64], camera: Camera) -> list[Float64]:
@@ -151,6 +163,8 @@ class RenderMotion(Node):
             _blurred(mean_layer(rendered(numbers)), lens, fit, box) for numbers in moments.parts
         ]
         mean = mean_of_blurred(layers, [len(numbers) for numbers in moments.parts])
+        if moments.turn is not None:
+            return turned(mean, moments.turn, frame_box, box)
         return motion_blurred(mean, moments.ways.mean(axis=0), frame_box, box)
 
 
@@ -183,25 +197,12 @@ class MotionBlur(Node):
     def __call__(
         self, blurred: BlurredLayer | None, motion: Motion, frame_box: Box, fit: LensFit | None
     ) -> BlurredLayer | None:
-        way, beyond = motion.ways[0], motion.beyond
-        if beyond is None:
+        way = motion.ways[0]
+        if not motion.beyond:
             return blurred and motion_blurred(blurred, way, frame_box)
-        box = frame_box.union(motion.overscan)
-        parts = [] if blurred is None else [blurred]
-        for strip in strips(box, frame_box):
-            there = self._part(beyond, strip, fit)
-            lens = lens_beyond(self._reblur, frame_box, strip)
-            parts.append(_blurred(there, lens, fit, strip))
-        return motion_blurred(joined(parts), way, frame_box, box)
-
-    def _part(self, layer: ObjectLayer, strip: Box, fit: LensFit | None) -> ObjectLayer | None:
-        """What of a sharp layer the lens spreads into a strip; None for nothing."""
-        reach = 0
-        if fit is not None:
-            coc_px = object_coc(layer, fit).coc_px
-            reach = self._reblur.reach(coc_px, layer.rgba[..., 3], self._reblur.pixel_aspect)
-        box = strip.expanded(reach).intersection(layer.box)
-        if box.empty:
-            return None
-        at = box.slices_in(layer.box)
-        return ObjectLayer(box=box, rgba=layer.rgba[at], depth=layer.depth[at])
+        parts = [
+            _blurred(layer, lens_beyond(self._reblur, frame_box, strip), fit, strip)
+            for strip, layer in motion.beyond
+        ]
+        whole = beside(blurred, frame_box, parts)
+        return motion_blurred(whole, way, frame_box, motion.overscan)
