@@ -265,6 +265,27 @@ def test_object_sliding_by_tenths_of_a_pixel_does_not_flicker(detail, times):
     assert seen < times * largest_bend([scatter_ref(*frame) for frame in frames])
 
 
+def centroid(picture):
+    """Column and row of the mean place of light (h, w)."""
+    light = picture.astype(np.float64)
+    rows, columns = np.mgrid[: light.shape[0], : light.shape[1]]
+    return np.array([(light * columns).sum(), (light * rows).sum()]) / light.sum()
+
+
+@pytest.mark.parametrize("coc", [40.0, 100.0, 300.0])
+@pytest.mark.parametrize("detail", [FINE, DRAFT], ids=["fine", "draft"])
+def test_disc_of_a_highlight_moves_as_far_as_the_highlight(coc, detail):
+    one = np.ones((1, 1), np.float32)
+    reach = blur_reach(coc * one, one, detail=detail)
+    side = 2 * reach + 16
+    for column, row in ((0, 0), (1, 3), (6, 2), (7, 7), (13, 11)):
+        rgba = np.zeros((side, side, 4), np.float32)
+        rgba[reach + row, reach + column] = 1.0
+        seen = scatter(rgba, np.full((side, side), coc, np.float32), detail=detail)
+        expected = reach + np.array([column, row])
+        np.testing.assert_allclose(centroid(seen[..., 3]), expected, atol=0.02)
+
+
 def test_edge_width_is_the_edges_own_coc():
     coverage = []
     for slope in (0.0, 0.1, 0.3, 0.5):

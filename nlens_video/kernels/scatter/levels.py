@@ -2,7 +2,8 @@
 
 From the radius `coarse_px` on, a disc fades to the next level, whose pixels are twice as large, and
 so on: no disc spans more than `largest_px` of its level's pixels. All levels share the frame's
-grid, so the result depends neither on the layer's box nor on the frame's size.
+grid, so the result depends neither on the layer's box nor on the frame's size. A pixel is shared by
+the four coarse ones around it (bilinear splatting), so that light keeps its mean place.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from nlens_video.kernels.scatter.extend import BAND_ROWS, SourceLayer
 from nlens_video.kernels.thread_pool import bands, parallel_for, run_all, scratch
 from nlens_video.native import kernels
 
-_GATHERED_ROWS = 32  # at least, and a power of two: rows of one coarse pixel stay together
+_GATHERED_ROWS = 32  # at least, and a power of two: a band begins with a row of each level
 COARSE_FADE = 0.25
 """Share of a level's first radius over which discs go over to it [1]."""
 SUMS = 12
@@ -55,7 +56,8 @@ class Detail:
 
     def spread(self, radius_px: float) -> int:
         """How much further than its radius a disc's light gets, by its coarser pixels [px]."""
-        return (1 << self.levels(radius_px)) - 2
+        largest = 1 << (self.levels(radius_px) - 1)
+        return 0 if largest == 1 else 5 * largest // 2 - 2
 
 
 # What the pixels of a level (h, w) spread: the mean light of those they stand for (h, w, 4), and
@@ -102,7 +104,10 @@ def _gather_coarse(
     firsts = [sum(counts[:k]) for k in range(len(boxes))]
     sums = scratch("coarse sums", (sum(counts), SUMS))
     places = np.array(
-        [(first, box.width, box.x0, box.y0) for first, box in zip(firsts, boxes, strict=True)]
+        [
+            (first, box.width, box.height, box.x0, box.y0)
+            for first, box in zip(firsts, boxes, strict=True)
+        ]
     )
     height = layer.radius_px.shape[0]
     step = max(_GATHERED_ROWS, 1 << len(boxes))
@@ -130,7 +135,8 @@ def make_levels(
     """
     height, width = layer.radius_px.shape
     whole = Box(corner[0], corner[1], corner[0] + width, corner[1] + height)
-    boxes = [on_level(whole, level) for level in range(1, detail.levels(radius_px))]
+    # light at the layer's border is shared with pixels beyond it
+    boxes = [on_level(whole, level).expanded(1) for level in range(1, detail.levels(radius_px))]
     starts = detail.coarse_px, COARSE_FADE
     gathered = _gather_coarse(layer, corner, boxes, starts, threads)
     levels: list[Level] = []

@@ -47,13 +47,27 @@ struct Layer {
     static constexpr auto fields = std::tuple{&Layer::rgba, &Layer::radii, &Layer::skews};
 };
 
-// Where the sums of a level lie: the first pixel, columns, column and row at which it starts.
+// Where the sums of a level lie: the first pixel, columns, column and row at which it starts, and the rows
+// from `begin` to before `end` that a band fills.
 struct Sums {
     float* first;
-    std::int64_t columns, left, top;
+    std::int64_t columns, left, top, begin, end;
 
-    float* row(int y) const { return first + kSums * columns * (y - top); }
-    float* at(int y, int x) const { return row(y) + kSums * (x - left); }
+    float* row(std::int64_t y) const { return first + kSums * columns * (y - top); }
+    float* at(std::int64_t y, std::int64_t x) const { return row(y) + kSums * (x - left); }
+};
+
+// The pixel of a level before or at the middle of a pixel of the frame, and how far that lies towards the
+// next.
+struct Between {
+    std::int64_t before;
+    float part;
+
+    Between(std::int64_t at, int level) {
+        const std::int64_t size = std::int64_t{1} << level, twice = 2 * at + 1 - size;  // of half pixels
+        before = twice >> (level + 1);
+        part = static_cast<float>(twice & (2 * size - 1)) / static_cast<float>(2 * size);
+    }
 };
 
 void add(float* sums, float share, Float4 light, Float4 disc, Float4 skew) {
@@ -62,20 +76,24 @@ void add(float* sums, float share, Float4 light, Float4 disc, Float4 skew) {
     store(sums + 8, load<Float4>(sums + 8) + share * skew);
 }
 
-// Adds rows of a layer to the sums (n, kSums) of the coarser levels that its discs belong to. `places` is
-// `Sums` of each level, `corner` where the layer lies in the frame. Rows that share a pixel of a level belong
-// to one band.
+// Adds rows of a layer to the sums (n, kSums) of the coarser levels that its discs belong to. `places` is of
+// each level the first pixel, columns, rows, column and row at which it starts; `corner` where the layer lies
+// in the frame. A pixel's light is shared by the four of a level around it, so that its mean place is kept
+// and a highlight that moves does not jump. Bands begin at rows of the coarsest level.
 void gather_levels(Layer layer, Array<float, 2> all, Array<const std::int64_t, 2> places, Place corner,
                    Starts starts, Band band) {
-    const int last = places.shape[0];
+    const int last = places.shape[0], height = layer.radii.shape[0];
     std::vector<Sums> sums(last + 1);  // by level, none of the finest
     for (int level = 1; level <= last; ++level) {
-        const std::int64_t* place = places.at(level - 1);
-        sums[level] = {all.data + kSums * place[0], place[1], place[2], place[3]};
-        std::fill(sums[level].row((band.begin + corner.row) >> level),
-                  sums[level].row(((band.end + corner.row - 1) >> level) + 1), 0.0f);
+        const std::int64_t *place = places.at(level - 1), top = place[4];
+        const std::int64_t begin = band.begin == 0 ? top : (band.begin + corner.row) >> level;
+        const std::int64_t end = band.end == height ? top + place[2] : (band.end + corner.row) >> level;
+        sums[level] = {all.data + kSums * place[0], place[1], place[3], top, begin, end};
+        std::fill(sums[level].row(begin), sums[level].row(end), 0.0f);
     }
-    for (int y = band.begin; y < band.end; ++y) {
+    const int beside =
+        1 << (last - 1);  // rows of other bands that reach into the coarsest level's of this one
+    for (int y = std::max(band.begin - beside, 0); y < std::min(band.end + beside, height); ++y) {
         for (int x = 0; x < layer.radii.shape[1]; ++x) {
             const float signed_radius = layer.radii(y, x), radius = std::fabs(signed_radius);
             if (!(radius > starts.first)) continue;
@@ -86,11 +104,20 @@ void gather_levels(Layer layer, Array<float, 2> all, Array<const std::int64_t, 2
             const Float4 light = load<Float4>(layer.rgba.at(y, x));
             const Float4 disc{1.0f, radius, signed_radius, layer.skews(0, y, x)};
             const Float4 skew{layer.skews(1, y, x), 0.0f, 0.0f, 0.0f};
-            const auto place = [&](int n) {
-                return sums[n].at((y + corner.row) >> n, (x + corner.column) >> n);
+            const auto share = [&](int n, float amount) {
+                const Sums& of_level = sums[n];
+                const Between down(y + corner.row, n), across(x + corner.column, n);
+                const float shares[2] = {amount * (1.0f - down.part), amount * down.part};
+                for (int below = 0; below < 2; ++below) {
+                    const std::int64_t row = down.before + below;
+                    if (row < of_level.begin || row >= of_level.end) continue;
+                    float* here = of_level.at(row, across.before);
+                    add(here, shares[below] * (1.0f - across.part), light, disc, skew);
+                    add(here + kSums, shares[below] * across.part, light, disc, skew);
+                }
             };
-            add(place(level), part, light, disc, skew);
-            if (level > 1 && part < 1.0f) add(place(level - 1), 1.0f - part, light, disc, skew);
+            share(level, part);
+            if (level > 1 && part < 1.0f) share(level - 1, 1.0f - part);
         }
     }
 }
@@ -170,8 +197,9 @@ void fill_fine_level(Array<const float, 2> radii, Array<const float, 3> skews, A
 // Fills rows of a level of pixels `size` times as large, from its sums (h, w, kSums).
 void fill_coarse_level(Array<const float, 3> sums, Array<float, 3> rgba, Array<float, 3> numbers,
                        Array<std::int32_t, 2> rows, const Rule& rule, int size, Band band) {
-    // moving light to the middle of a block and back by interpolation spreads it already
-    const float spread = static_cast<float>(4.0 / 3.0 * (1.0 - 1.0 / (double(size) * size)));
+    // sharing light between pixels, and interpolating between them, spreads it already: by a variance of
+    // (1 + 1 / (2 size^2)) / 6 and of (1 - 1 / size^2) / 4 along each axis, a disc's being radius^2 / 4
+    const float spread = static_cast<float>(5.0 / 3.0 - 2.0 / 3.0 / (double(size) * size));
     const float scale = static_cast<float>(size);
     for (int y = band.begin; y < band.end; ++y) {
         for (int x = 0; x < rgba.shape[1]; ++x) {

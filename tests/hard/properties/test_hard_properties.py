@@ -161,11 +161,13 @@ def test_blur_is_monotone_in_the_coc():
 
 @case
 def test_blur_commutes_with_translation():
-    """A picture moved by whole pixels blurs to the same, moved; `draft` draws on a coarse grid.
+    """A picture moved by whole pixels blurs to the same, moved.
 
-    The two of 30,000 scenes that differ most, cards of six pixels, are among the examples.
+    `draft` draws on a coarse grid, the others do so above a CoC of 32 px, where the outline of a
+    disc depends a little on where its middle lies in a coarse pixel. Cards of six pixels, which
+    differ most, are among the examples.
     """
-    worst = Worst()
+    worst, coarse = Worst(), Worst()
     small = (
         Card(depth=1.3830033354260904, at=(-12.0, -8.0), half=(3.0, 3.0), seed=3),
         Card(depth=1.837705155717678, at=(12.0, 8.0), half=(3.0, 3.0), seed=23),
@@ -173,6 +175,7 @@ def test_blur_commutes_with_translation():
 
     @example(card=small[0], focus=2.8415074562496905, infinity=7.283613297086296, shift=(3, -5))
     @example(card=small[1], focus=4.741613236694063, infinity=4.74815285401491, shift=(-1, -9))
+    @example(card=Card(depth=1.0, half=(3.0, 3.0)), focus=6.0, infinity=9.0, shift=(3, -5))
     @FEW
     @given(
         card=CARD, focus=FOCUS, infinity=INFINITY_PX,
@@ -185,10 +188,16 @@ def test_blur_commutes_with_translation():
             here, there = through(quality, scene, fit), through(quality, scene, fit, camera(shift))
             part = there[max(0, y) : HEIGHT + min(0, y), max(0, x) : WIDTH + min(0, x)]
             same = here[max(0, -y) : HEIGHT + min(0, -y), max(0, -x) : WIDTH + min(0, -x)]
-            worst.seen(quality, np.abs(part - same).max(), there)
+            large = abs(float(fit.coc_px(np.float32(1.0 / card.depth)))) > 32.0
+            seen = coarse if large else worst
+            seen.seen(quality, np.abs(part - same).max(), there)
 
     holds()
-    return _outcome(worst, "largest difference", {**dict.fromkeys(QUALITIES, 3e-5), "draft": 0.15})
+    fine = worst.figures("largest difference", {**dict.fromkeys(QUALITIES, 3e-5), "draft": 0.03})
+    above = coarse.figures(
+        "the same, CoC above 32 px", {**dict.fromkeys(QUALITIES, 5e-4), "draft": 3e-3}
+    )
+    return Outcome((*fine, *above), worst.draw)
 
 
 @case
