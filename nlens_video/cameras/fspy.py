@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from nlens_video.cameras.solved import CameraKey, SolvedCamera, rigid_matrix
+from nlens_video.cameras.solved import LARGEST, CameraKey, SolvedCamera, rigid_matrix
 from nlens_video.core.errors import SceneError
 
 Y_UP_FROM_Z_UP = np.array(
@@ -48,7 +48,8 @@ def from_fspy(raw: dict[str, Any], source: str) -> SolvedCamera:
         raise SceneError(
             f"{source}: an export of fSpy with a value of another kind than it writes; {_EXPORT}"
         ) from error
-    if view is None or not 0.0 < fov < 180.0 or min(width, height) < 1:
+    sized = 1 <= min(width, height) and max(width, height) <= LARGEST
+    if view is None or not 0.0 < fov < 180.0 or not sized:
         raise SceneError(
             f"{source}: an export of fSpy whose matrix, field of view or size cannot be; {_EXPORT}"
         )

@@ -88,6 +88,14 @@ def test_export_of_fspy_without_a_member_names_it(tmp_path, member):
         read_camera(path, SIZE, RATE)
 
 
+@pytest.mark.parametrize("rows", [0, 10**400])
+def test_export_of_fspy_of_a_size_that_no_picture_has_is_refused(tmp_path, rows):
+    path = tmp_path / "plate.json"
+    path.write_text(json.dumps(fspy(pose_of()) | {"imageHeight": rows}))
+    with pytest.raises(SceneError, match="export of fSpy whose matrix, field of view or size"):
+        read_camera(path, SIZE, RATE)
+
+
 def test_export_of_fspy_with_z_downwards_is_refused(tmp_path):
     path = tmp_path / "plate.json"
     path.write_text(json.dumps(fspy(pose_of(eye=(0.2, -1.6, 0.5)))))
