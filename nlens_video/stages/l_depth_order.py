@@ -79,6 +79,9 @@ class Candidates:
     def resolve(self, judgement: Float32 | None, where: Float32) -> Float32:
         """The result (h, w, 4).
 
+        Alpha stays within 0 and 1. Light is no lower than the candidates' own negative light, that
+        of colours beyond BT.709; else 0.
+
         Args:
             judgement: the network's answer (h, w, 2); None trusts the ordered layers.
             where: share of the repair (h, w), 0 where the scatter stands.
@@ -90,7 +93,10 @@ class Candidates:
             swapped *= 1.0 + judgement[..., 1:]
         ordered = self.back + swapped - self.covariance
         out = self.scattered + share * (ordered - self.scattered)
-        np.maximum(out, 0.0, out=out)
+        low = out < 0.0
+        if low.any():
+            parts = (self.scattered[low], self.near[low], self.back[low])
+            out[low] = np.maximum(out[low], sum(np.minimum(part, 0.0) for part in parts))
         np.minimum(out[..., 3], 1.0, out=out[..., 3])
         return out
 

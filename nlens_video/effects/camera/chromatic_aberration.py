@@ -198,10 +198,26 @@ def displace_channels(
         if not (linear or cubic):
             continue
         pair = np.ascontiguousarray(source[..., (channel, 3)])
-        moved = _moved(pair, wide, box, frame, (linear, cubic))
-        light, cover = np.maximum(moved[..., 0], 0.0), np.clip(moved[..., 1], 0.0, 1.0)
+        parts = _signs_apart(pair)
+        moved = [_moved(part, wide, box, frame, (linear, cubic)) for part in parts]
+        light, cover = np.maximum(moved[0][..., 0], 0.0), np.clip(moved[0][..., 1], 0.0, 1.0)
+        for one in moved[1:]:
+            light += np.minimum(one[..., 0], 0.0)
         out[..., channel] = light + (alpha - cover) * plate[..., channel]
     return BlurredLayer(box=box, rgba=out)
+
+
+def _signs_apart(pair: Float32) -> list[Float32]:
+    """Light and coverage (h, w, 2), after it what light is negative, if any.
+
+    The cubic filter rings at edges, and is to make no light of another sign there. Light of colours
+    beyond BT.709 is negative by itself.
+    """
+    below = np.minimum(pair[..., 0], 0.0)
+    if not below.any():
+        return [pair]
+    above = np.stack([pair[..., 0] - below, pair[..., 1]], axis=2)
+    return [above, np.stack([below, np.zeros_like(below)], axis=2)]
 
 
 def _most(aberration: Aberration) -> float:
