@@ -83,6 +83,33 @@ def test_plate_beside_an_edge_is_seen_by_the_unoccluded_part_of_the_lens(object_
     np.testing.assert_array_equal(found[..., 3], rgba[..., 3])
 
 
+class LinearPlate:
+    """A plate of float light."""
+
+    width, height = SIZE
+
+    def __init__(self, light):
+        self.light = light
+
+    def linear(self, box):
+        return self.light[box.slices_in(FRAME)]
+
+
+@pytest.mark.parametrize(("object_coc", "plate_coc"), [(12.0, 6.0), (12.0, -6.0), (-8.0, -12.0)])
+def test_plate_past_an_edge_is_seen_by_the_objects_own_coc_and_the_grounds(object_coc, plate_coc):
+    plate, rgba, truth = seen(object_coc, plate_coc)
+    sharp = ObjectLayer(box=FRAME, rgba=rgba, depth=even(1.0))
+    defocused = DefocusedLayer(layer=sharp, coc_px=even(object_coc))
+    fit = replace(FIT, slope=0.0, intercept=plate_coc)  # ground of one CoC
+    camera = looking_down(pitch=0.5 * math.pi)
+    blurred = BlurredLayer(box=FRAME, rgba=rgba)
+    found = edge_parallax(blurred, LinearPlate(plate), defocused, fit, camera, 0.0).rgba
+    inner = np.s_[16:-16, 16:-16]
+    before = np.sqrt(((laid(rgba, plate) - truth)[inner] ** 2).mean())
+    after = np.sqrt(((laid(found, plate) - truth)[inner] ** 2).mean())
+    assert after < 0.5 * before
+
+
 @settings(max_examples=15)
 @given(st.integers(0, 9999), st.floats(0.6, 1.6))
 def test_edge_parallax_kernel_agrees_with_the_reference(seed, aspect):

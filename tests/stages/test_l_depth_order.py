@@ -205,6 +205,41 @@ def test_weights_of_another_network_are_refused():
         OnnxRepairNetwork(find_model("coc").path)
 
 
+def three_behind_each_other(near_coc, middle_coc, far_coc):
+    """Three upright stripes' surfaces, with the second one known, and the middle one's columns."""
+    box, ends = Box(100, 60, 290, 180), (90, 106, 160)  # each is hidden left of the nearer's end
+    column = np.broadcast_to(np.arange(box.width), (box.height, box.width))
+    rows = (np.arange(box.height) >= 30) & (np.arange(box.height) < 90)
+    colours = np.float32([[0.8, 0.2, 0.1, 1.0], [0.1, 0.7, 0.2, 1.0], [0.2, 0.1, 0.9, 1.0]])
+    cocs = np.float32([near_coc, middle_coc, far_coc])
+    at = np.searchsorted(ends, column, side="right")  # 3 where nothing is
+    covered = (at < 3) & (column >= 30) & rows[:, None]
+    hides = covered & (at < 2)
+    first, second = np.minimum(at, 2), np.minimum(at + 1, 2)
+    front = colours[first] * covered[..., None]
+    behind = HiddenLayer(
+        box=box, rgba=colours[second] * hides[..., None], coc_px=cocs[second] * hides,
+        front_rgba=front,
+    )  # fmt: skip
+    layer = ObjectLayer(box=box, rgba=front, depth=np.ones_like(cocs[first]))
+    sharp = DefocusedLayer(layer=layer, coc_px=cocs[first] * covered, behind=behind)
+    return sharp, slice(box.x0 + 94, box.x0 + 102)
+
+
+@pytest.mark.parametrize(("cocs", "ordered"), [((84, 60, 20), False), ((27, 18, 9), True)])
+def test_surface_cut_between_two_layers_is_ordered_under_small_discs_alone(cocs, ordered):
+    sharp, columns = three_behind_each_other(*cocs)
+    before = scattered(sharp, Box(0, 0, 400, 240))
+    in_order = RepairDepthOrder(network=no_network, scatter=scatter, reach=blur_reach)
+    after = in_order(sharp, before)
+    change = np.abs(after.rgba - before.rgba)
+    rows = slice(110, 130)  # the cut runs down the middle of the second surface
+    across = change[rows.start - before.box.y0 : rows.stop - before.box.y0]
+    middle = across[:, columns.start - before.box.x0 : columns.stop - before.box.x0]
+    assert change.max() > 0.05
+    assert (middle.max() > 0.05) if ordered else (middle.max() < 1e-6)
+
+
 def test_large_discs_over_a_thin_part_behind_them_show_no_specks(monkeypatch):
     height, width = 200, 260
     y, x = np.indices((height, width))
