@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import zlib
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hard.quality_levels import QUALITIES, Card, cards, lens_at, through
 from support.folders import TESTS
 
 from nlens_video import Compositor
-from nlens_video.kernels import aperture_covariance
+from nlens_video.kernels import aperture_covariance, thread_pool
 from nlens_video.kernels.scatter import extend, levels, scatter
 from nlens_video.networks import onnx_networks
 from nlens_video.networks.model_store import find_model
@@ -30,17 +31,42 @@ FIT = lens_at(2.18, 30.0)
 def test_same_bits_on_any_number_of_threads():
     """Rows shared by 1, 2, 3 or 7 threads give the same bits, at every quality level."""
     scene = cards(*NEAR_AND_FAR)
-    seen = {
-        quality: [through(quality, scene, FIT, threads=n) for n in (1, 2, 3, 7)]
-        for quality in QUALITIES
-    }
+    seen, most = {quality: [] for quality in QUALITIES}, []
+    for count in (1, 2, 3, 7):
+        with pytest.MonkeyPatch.context() as changed, _processors(changed, count) as took:
+            for quality in QUALITIES:
+                seen[quality].append(through(quality, scene, FIT, threads=count))
+        most.append(max(took))
     return Outcome(
-        tuple(
-            exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
-            for r, s in seen.items()
+        (
+            *(
+                exactly(f"values that differ, {r}", sum(int((v != s[0]).sum()) for v in s), 0)
+                for r, s in seen.items()
+            ),
+            exactly(
+                "threads that a loop was given, at most", ", ".join(map(str, most)), "1, 2, 3, 7"
+            ),
         ),
         lambda: panels({r: over_grey(s[0]) for r, s in seen.items()}),
     )
+
+
+@contextmanager
+def _processors(changed, count):
+    """A machine of so many processors, whatever there are; yields the threads of each loop."""
+    taken, took = thread_pool._taken, [1]
+
+    def counted(own, helpers):
+        found = taken(own, helpers)
+        took.append(1 + found)
+        return found
+
+    changed.setattr(thread_pool, "processors", lambda: count)
+    changed.setattr(thread_pool, "_taken", counted)
+    changed.setattr(thread_pool, "_pool", None)  # one of as many threads
+    yield took
+    if thread_pool._pool is not None:
+        thread_pool._pool.shutdown()
 
 
 @case
