@@ -7,7 +7,7 @@ above white follow the curve on, so that nothing a stream can hold is lost on th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -51,7 +51,11 @@ _CHROMATICITY = {
     "bt2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), _D65),
     "smpte431": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), (0.314, 0.351)),
     "smpte432": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), _D65),
+    # ACES (SMPTE ST 2065-1, and S-2014-004 for ACEScg), of which no stream's tag tells
+    "ap0": ((0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770), (0.32168, 0.33767)),
+    "ap1": ((0.713, 0.293), (0.165, 0.830), (0.128, 0.044), (0.32168, 0.33767)),
 }
+_SAME_XY = 2e-3  # files round their chromaticities
 _BRADFORD = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
@@ -182,6 +186,20 @@ def primaries_from_bt709(name: str) -> Float64:
     return np.asarray(np.linalg.solve(_xyz_from_rgb(name), _xyz_from_rgb("bt709")))
 
 
+def primaries_at(chromaticities: Sequence[float]) -> str | None:
+    """Name of the primaries with x and y of red, green, blue and white (8,); None for others."""
+    given = np.reshape(chromaticities, (4, 2))
+    for name, known in _CHROMATICITY.items():
+        if float(np.abs(given - np.array(known)).max()) <= _SAME_XY:
+            return name
+    return None
+
+
+def chromaticities(name: str) -> tuple[float, ...]:
+    """Coordinates x and y of the red, green, blue and white (8,) of primaries [1]."""
+    return tuple(part for xy in _CHROMATICITY[name] for part in xy)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ColorTags:
     """How the samples of a stream stand for light.
@@ -189,7 +207,7 @@ class ColorTags:
     Attributes:
         matrix: name in `MATRICES`; `gbr` for RGB.
         transfer: name in `TRANSFERS`.
-        primaries: name in `PRIMARIES`.
+        primaries: name in `PRIMARIES`, or `ap0` or `ap1`.
         full_range: whether the codes span the whole range of the samples.
         assumed: which of the fields the stream did not say, as `field=value`, for the plan.
     """
@@ -201,10 +219,10 @@ class ColorTags:
     assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        known = (MATRICES, TRANSFERS, PRIMARIES)
+        known = map(frozenset, (MATRICES.values(), TRANSFERS.values(), _CHROMATICITY))
         for name, table in zip((self.matrix, self.transfer, self.primaries), known, strict=True):
-            if name not in table.values():
-                raise ValueError(f"{name!r} is none of {sorted(table.values())}")
+            if name not in table:
+                raise ValueError(f"{name!r} is none of {sorted(table)}")
 
     @classmethod
     def resolve(

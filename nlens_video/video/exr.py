@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nlens_video.core.color import ColorTags
-from nlens_video.core.errors import InputError, OutputError, UsageError
+from nlens_video.core.color import ColorTags, primaries_at, primaries_from_bt709
+from nlens_video.core.errors import InputError, Note, NoteKind, UsageError
 from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
-from nlens_video.video.atomic_files import replacing
+from nlens_video.video.exr_writer import first_line, write_layers
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
 from nlens_video.video.pixels.picture import ArrayPicture
 
-Float16: TypeAlias = "NDArray[np.float16]"
+__all__ = ["ExrImage", "ExrSource", "LayerReader", "read_exr", "read_layer", "write_layers"]
 FAR = 1e9
 """Depths from here on are background; renderers write about 1e10 [scene unit]."""
+_ROUNDED = 0.01  # alpha that filters leave beyond 0 to 1 and nobody need know of [1]
 MOST_UNREADABLE = 8
 """Unreadable files of a sequence in a row after which it counts as ended."""
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
@@ -39,6 +38,7 @@ class ExrImage:
         width: columns of the display window [px].
         height: rows of the display window [px].
         half: names of the channels that are stored as half float.
+        primaries: of R, G and B, by a name of `ColorTags`; None for those that have none.
     """
 
     channels: dict[str, Float32]
@@ -46,6 +46,7 @@ class ExrImage:
     width: int
     height: int
     half: frozenset[str] = frozenset()
+    primaries: str | None = "bt709"
 
     def on_display_window(self, values: Float32, beyond: float = 0.0) -> Float32:
         """Values (h, w) or (h, w, n) of the data window, padded and cropped to the display window.
@@ -81,7 +82,7 @@ def read_exr(path: Path) -> ExrImage:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             pixels = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, OSError) as error:
-        raise InputError(f"{path}: cannot be read as OpenEXR ({_first_line(error)})") from error
+        raise InputError(f"{path}: cannot be read as OpenEXR ({first_line(error)})") from error
     (x0, y0), (x1, y1) = (np.asarray(corner) for corner in header["dataWindow"])
     (left, top), (right, bottom) = (np.asarray(corner) for corner in header["displayWindow"])
     box = Box(int(x0 - left), int(y0 - top), int(x1 - left) + 1, int(y1 - top) + 1)
@@ -92,7 +93,11 @@ def read_exr(path: Path) -> ExrImage:
         channels[name] = np.ascontiguousarray(samples, dtype=np.float32)
     half = frozenset(name for name, samples in pixels.items() if samples.dtype == np.float16)
     width, height = int(right - left) + 1, int(bottom - top) + 1
-    return ExrImage(channels=channels, box=box, width=width, height=height, half=half)
+    told = header.get("chromaticities")  # those of BT.709 where there are none, as OpenEXR has it
+    return ExrImage(
+        channels=channels, box=box, width=width, height=height, half=half,
+        primaries="bt709" if told is None else primaries_at(told),
+    )  # fmt: skip
 
 
 def _check_size(path: Path, window: tuple[Any, Any]) -> None:
@@ -112,6 +117,10 @@ def read_layer(path: Path, size: tuple[int, int] | None = None) -> ObjectLayer:
     Raises:
         InputError: not OpenEXR, channels missing, values that are not finite, another size.
     """
+    return _read_layer(path, size)[0]
+
+
+def _read_layer(path: Path, size: tuple[int, int] | None) -> tuple[ObjectLayer, tuple[Note, ...]]:
     image = read_exr(path)
     missing = [name for name in "RGBAZ" if name not in image.channels]
     if missing:
@@ -127,12 +136,31 @@ def read_layer(path: Path, size: tuple[int, int] | None = None) -> ObjectLayer:
     rgba = np.stack([image.channels[name] for name in "RGBA"], axis=2)
     if not np.isfinite(rgba).all():
         raise InputError(f"{path}: R G B A hold values that are not finite; render them again")
+    if image.primaries not in (None, "bt709"):
+        rgba[..., :3] @= np.linalg.inv(primaries_from_bt709(image.primaries)).T.astype(np.float32)
+    notes = _doubts(path, image)
     # a renderer's sharpening filter leaves the range: more than all of the plate would be hidden
     np.clip(rgba[..., 3], 0.0, 1.0, out=rgba[..., 3])
     depth = image.channels["Z"]
     with np.errstate(invalid="ignore"):
         there = (depth > 0.0) & (depth < FAR)
-    return ObjectLayer(box=image.box, rgba=rgba, depth=np.where(there, depth, np.float32(np.inf)))
+    depth = np.where(there, depth, np.float32(np.inf))
+    return ObjectLayer(box=image.box, rgba=rgba, depth=depth), notes
+
+
+def _doubts(path: Path, image: ExrImage) -> tuple[Note, ...]:
+    """What is odd about a layer, for the user."""
+    found = []
+    least, most = (float(end) for end in (image.channels["A"].min(), image.channels["A"].max()))
+    if least < -_ROUNDED or most > 1.0 + _ROUNDED:
+        line = (
+            f"{path}: alpha from {least:.3g} to {most:.3g} is cut to 0 to 1; render it as coverage"
+        )
+        found.append(Note(line, NoteKind.UNCERTAIN))
+    if image.primaries is None:
+        line = f"{path}: primaries that are not known are taken for those of BT.709"
+        found.append(Note(line, NoteKind.UNCERTAIN))
+    return tuple(found)
 
 
 class LayerReader:
@@ -151,6 +179,12 @@ class LayerReader:
         self._path = Path(spec)
         self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
         self._first = self._files.first() if self._files else 0
+        self._notes: tuple[Note, ...] = ()
+
+    @property
+    def notes(self) -> tuple[Note, ...]:
+        """What is odd about the first layer that is odd, for the user."""
+        return self._notes
 
     def read(self, index: int) -> ObjectLayer:
         """The layer of a frame.
@@ -164,55 +198,9 @@ class LayerReader:
                 f"{path}: the layers end before frame {index} of the plate; "
                 "render more of them or give --range"
             )
-        return read_layer(path, self._size)
-
-
-def write_layers(
-    path: Path, channels: Mapping[str, Float32], box: Box | None = None,
-    size: tuple[int, int] | None = None, *, half: bool = False,
-) -> None:  # fmt: skip
-    """Write channels as OpenEXR, ZIP compressed; the file appears when it is complete.
-
-    Args:
-        path: of the file.
-        channels: name (`R`, `Z`, `coc.plate`, ...) to samples (h, w), all of one shape.
-        box: where they lie in the frame; default: the frame is as large as they are.
-        size: width and height of the frame [px].
-        half: as half float, whose largest stands for what is larger; default: float of 32 bits.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    import OpenEXR
-
-    height, width = next(iter(channels.values())).shape
-    box = box or Box(0, 0, width, height)
-    columns, rows = size or (box.x1, box.y1)
-    header = {
-        "compression": OpenEXR.ZIP_COMPRESSION,
-        "type": OpenEXR.scanlineimage,
-        "dataWindow": (np.array([box.x0, box.y0], "i4"), np.array([box.x1 - 1, box.y1 - 1], "i4")),
-        "displayWindow": (np.array([0, 0], "i4"), np.array([columns - 1, rows - 1], "i4")),
-    }
-    stored = _halved if half else partial(np.ascontiguousarray, dtype=np.float32)
-    pixels = {name: stored(part) for name, part in channels.items()}
-    with replacing(path) as unnamed:
-        try:
-            with OpenEXR.File(header, pixels) as file:
-                file.write(str(unnamed))
-        except (RuntimeError, ValueError) as error:
-            raise OutputError(f"{path}: cannot be written ({_first_line(error)})") from error
-
-
-def _halved(values: Float32) -> Float16:
-    """Values as half float; finite ones stay finite."""
-    largest = np.finfo(np.float16).max
-    clipped = np.where(np.isfinite(values), np.clip(values, -largest, largest), values)
-    return np.ascontiguousarray(clipped, np.float16)
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        layer, notes = _read_layer(path, self._size)
+        self._notes = self._notes or notes
+        return layer
 
 
 class ExrSource(Source):
@@ -242,7 +230,7 @@ class ExrSource(Source):
         self.info = SourceInfo(
             name=spec, kind="sequence" if self._pattern else "still", width=first.width,
             height=first.height, time_base=1 / fps, average_rate=fps, frame_count=count,
-            duration_s=float(count / fps), pixel_format="gbrpf32le", tags=LINEAR, codec="exr",
+            duration_s=float(count / fps), pixel_format="gbrpf32le", tags=first.tags, codec="exr",
             half=image.half.issuperset(_names(image)),
         )  # fmt: skip
 
@@ -297,4 +285,5 @@ def _picture(image: ExrImage, path: Path) -> ArrayPicture:
         )
     shown = names * 3 if names == ["Y"] else names
     array = image.on_display_window(np.stack([image.channels[name] for name in shown], axis=2))
-    return ArrayPicture(array, "rgb", LINEAR, associated=len(names) == 4)
+    tags = replace(LINEAR, primaries=image.primaries or LINEAR.primaries)
+    return ArrayPicture(array, "rgb", tags, associated=len(names) == 4)

@@ -1,5 +1,6 @@
 """OpenEXR layers, plates and AOVs."""
 
+import av
 import numpy as np
 import OpenEXR
 import pytest
@@ -46,6 +47,67 @@ def test_alpha_of_a_sharpening_filter_hides_no_more_than_all_of_the_plate(tmp_pa
     rgba = read_layer(tmp_path / "a.exr").rgba
     assert rgba[0, :3, 3].tolist() == [1.0, 0.0, 0.25]
     np.testing.assert_array_equal(rgba[..., 0], made["R"])
+
+
+def with_primaries(path, xy, made):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File({**header, "chromaticities": xy}, made) as file:
+        file.write(str(path))
+
+
+ACESCG = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+# of BT.709 red, green and blue in ACEScg (colour-science, Bradford)
+IN_ACESCG = [[0.6131, 0.0702, 0.0206], [0.3395, 0.9164, 0.1096], [0.0474, 0.0135, 0.8698]]
+
+
+def test_layers_and_plates_have_the_primaries_of_their_header(tmp_path):
+    made = channels(1, 3)
+    for name, values in zip("RGB", np.transpose(IN_ACESCG), strict=True):
+        made[name][0] = values
+    with_primaries(tmp_path / "a.exr", ACESCG, made)
+    rgba = read_layer(tmp_path / "a.exr").rgba
+    np.testing.assert_allclose(rgba[0, :, :3], np.eye(3), atol=2e-3)
+    with open_source(str(tmp_path / "a.exr")) as source:
+        assert source.info.tags.primaries == "ap1"
+        (frame,) = source
+        linear = frame.picture.linear(Box(0, 0, 3, 1))
+        np.testing.assert_allclose(linear[0], rgba[0, :, :3], atol=2e-3)
+
+
+def test_results_of_an_acescg_plate_keep_its_header_or_become_bt709(tmp_path):
+    made = channels(1, 3)
+    for name, values in zip("RGB", np.transpose(IN_ACESCG), strict=True):
+        made[name][0] = 0.5 * values
+    with_primaries(tmp_path / "a.exr", ACESCG, {name: made[name] for name in "RGB"})
+    for ending in ("exr", "png"):
+        with open_source(str(tmp_path / "a.exr")) as source:
+            with open_sink(str(tmp_path / f"b.{ending}"), source.info) as sink:
+                for frame in source:
+                    sink.write(frame)
+                sink.commit()
+    kept = read_exr(tmp_path / "b.exr")
+    assert kept.primaries == "ap1"
+    np.testing.assert_array_equal(kept.channels["G"], made["G"])
+    with av.open(str(tmp_path / "b.png")) as picture:
+        (shown,) = picture.decode(video=0)
+    np.testing.assert_allclose(shown.to_ndarray(format="rgb24")[0], 188 * np.eye(3), atol=3)
+
+
+def test_oddities_of_layers_are_told_once(tmp_path):
+    made = channels()
+    made["A"][0, 0] = 1.005
+    write_layers(tmp_path / "l_1.exr", made)
+    made["A"][0, 0] = 1.5
+    with_primaries(tmp_path / "l_2.exr", (0.5, 0.3, 0.2, 0.7, 0.1, 0.1, 0.3, 0.3), made)
+    with_primaries(tmp_path / "l_3.exr", ACESCG, made)
+    reader = LayerReader(str(tmp_path / "l_%d.exr"), (8, 6))
+    reader.read(0)
+    assert reader.notes == ()
+    reader.read(1)
+    alpha, primaries = reader.notes
+    assert "to 1.5 is cut" in alpha and "primaries that are not known" in primaries
+    reader.read(2)
+    assert reader.notes == (alpha, primaries)
 
 
 def test_missing_exr_channel_is_named(tmp_path):

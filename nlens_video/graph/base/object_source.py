@@ -200,6 +200,11 @@ class PrerenderedObject(ObjectSource):
         """The source in one phrase."""
         return "pre-rendered OpenEXR layers"
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the layers."""
+        return self.layers.notes
+
     def locate(self, index: int, time_s: float) -> ScreenBounds | None:
         """Read the frame's layer, cut to what it covers."""
         layer = covered_part(self.layers.read(index))

@@ -24,7 +24,7 @@ from nlens_video.video.output.picture_files import (
     picture_encoding,
     picture_options,
 )
-from nlens_video.video.pixels.picture import picture_channels, picture_frame
+from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
 from nlens_video.video.pixels.upright import turned
 
@@ -78,7 +78,10 @@ class StillSink(Sink):
         path = self._name(frame.number)
         target = self._folder / path.name
         if self._codec == "exr":
-            write_layers(target, picture_channels(frame.picture), half=self._info.half)
+            write_layers(
+                target, picture_channels(frame.picture), half=self._info.half,
+                primaries=channel_primaries(frame.picture),
+            )  # fmt: skip
         else:
             try:
                 target.write_bytes(self._encode(frame))

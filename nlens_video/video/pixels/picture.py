@@ -9,7 +9,7 @@ import av
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.color import ColorTags, transfer
+from nlens_video.core.color import ColorTags, primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
 from nlens_video.video.pixels.pixel_formats import converted, copy_colour_tags, unpacked
@@ -255,8 +255,15 @@ def picture_channels(picture: Picture) -> dict[str, Float32]:
     return {name: np.ascontiguousarray(light[..., i]) for i, name in enumerate("RGB")}
 
 
+def channel_primaries(picture: Picture) -> str:
+    """Primaries of `picture_channels`, by a name of `ColorTags`."""
+    if isinstance(picture, ArrayPicture) and picture.tags.transfer == "linear":
+        return picture.tags.primaries
+    return "bt709"
+
+
 def _array_frame(picture: ArrayPicture, *, alpha: bool) -> av.VideoFrame:
-    """An RGB array as a frame; light becomes 16-bit sRGB, clipped to [0, 1].
+    """An RGB array as a frame; light becomes 16-bit sRGB of BT.709, clipped to [0, 1].
 
     FFmpeg's alpha is straight; without alpha, associated colours are those over black.
     """
@@ -286,5 +293,7 @@ def _coded(array: Plane, tags: ColorTags) -> Plane:
     values = array.astype(np.float64)
     colour = values[..., :3] if values.ndim == 3 else values
     if tags.transfer == "linear":
+        if tags.primaries != "bt709":
+            colour[...] = colour @ np.linalg.inv(primaries_from_bt709(tags.primaries)).T
         colour[...] = transfer("iec61966-2-1").to_coded(colour)
     return np.asarray(np.clip(values, 0.0, 1.0) * 65535.0 + 0.5).astype(np.uint16)
