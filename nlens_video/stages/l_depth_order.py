@@ -93,10 +93,9 @@ class Candidates:
             swapped *= 1.0 + judgement[..., 1:]
         ordered = self.back + swapped - self.covariance
         out = self.scattered + share * (ordered - self.scattered)
-        low = out < 0.0
-        if low.any():
-            parts = (self.scattered[low], self.near[low], self.back[low])
-            out[low] = np.maximum(out[low], sum(np.minimum(part, 0.0) for part in parts))
+        low = np.unravel_index(np.flatnonzero(out < 0.0), out.shape)
+        parts = (self.scattered[low], self.near[low], self.back[low])
+        out[low] = np.maximum(out[low], sum(np.minimum(part, 0.0) for part in parts))
         np.minimum(out[..., 3], 1.0, out=out[..., 3])
         return out
 
