@@ -142,6 +142,36 @@ def test_measured_grain_strength_equals_the_added_one(levels, kind):
     assert found.model.persistence == pytest.approx(wanted, abs=0.1)
 
 
+def lit(code, gains, grain):
+    """8-bit pictures whose light (frames, H or 1, W or 1) changes, with noise in code values."""
+    light = grain_noise.to_linear(code)
+    shots = [
+        grain_noise.to_code(gain[..., None] * light) + more
+        for gain, more in zip(gains, grain, strict=True)
+    ]
+    return [ArrayPicture(np.uint8(np.clip(np.round(255 * one), 0, 255)), "rgb") for one in shots]
+
+
+FLICKER = 1 + 0.08 * np.sin([[[0.0]], [[1.3]], [[2.5]], [[3.8]], [[5.0]]])  # of a lamp
+SETTLING = 1 + np.arange(5)[:, None, None] * 0.02  # of the exposure
+ACROSS = np.linspace(0.0, 1.0, WIDTH)  # a lamp at one side
+
+
+@pytest.mark.parametrize("levels", [0.0, 1.0, 4.0])
+@pytest.mark.parametrize(
+    "gains", [FLICKER, SETTLING, 1 + (FLICKER - 1) * ACROSS], ids=["lamp", "exposure", "one side"]
+)
+def test_change_of_light_does_not_measure_as_grain(gains, levels):
+    code = grain_noise.to_code(scene(2))
+    grain = noise(1, 5, levels / 255, tint=0.5)
+    steady, changing = (measure(lit(code, by, grain)) for by in (np.ones_like(gains), gains))
+    if levels:
+        assert changing.value == pytest.approx(steady.value, rel=0.05)
+        assert changing.model.persistence == pytest.approx(steady.model.persistence, abs=0.05)
+    else:
+        assert not changing.called_for
+
+
 def test_grain_of_a_single_picture_is_measured_in_smooth_areas():
     grain = noise(1, 1, 4.0 / 255)
     found = measure(pictures(scene(2, slope=2.2, soft_px=6.0), 1, grain))

@@ -1,9 +1,10 @@
 """The plate's noise, without what the scene shows.
 
-With a still camera the noise is the difference between pictures. Differences over one and two
-pictures give its temporal correlation r (compression freezes noise): var(difference over 2) /
-var(difference over 1) = 1 + r. A single picture, or a moving camera, leaves the smoothest blocks,
-whose residual is noise or fine texture; so they must agree with each other as noise does.
+With a still camera the noise is the difference between pictures, less what lamps and the exposure
+change. Differences over one and two pictures give its temporal correlation r (compression freezes
+noise): var(difference over 2) / var(difference over 1) = 1 + r. A single picture, or a moving
+camera, leaves the smoothest blocks, whose residual is noise or fine texture; so they must agree
+with each other as noise does.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -22,6 +24,9 @@ LEAST_PIXELS = 600  # of a level, for its deviation to count
 _FEW = np.s_[::2, ::2]  # pixels that tell the deviation
 _KERNEL_SIDE_PX = 400  # of the middle part on which spatial correlation is measured
 _CLIPPED = 3.0 / 255  # nearer to black or white, noise is cut off
+_CUT_OFF = 0.5 / 255  # nearer to black or white, a single picture is cut off
+_CELL_PX, _CELLS = 16, 5  # of the windows in which the light changes alike: cells, along a side
+_FLAT = 1.0 / 255  # deviation of levels below which a window shows no slope
 _MOST_PERSISTENCE = 0.9
 _BLOCK_PX = 12
 _SMOOTHEST = 0.06  # share of the blocks that counts as smooth
@@ -55,17 +60,19 @@ class PlateNoise:
 def noise_over_time(still: Sequence[Float32], same: Bool) -> PlateNoise | None:
     """Noise of still pictures, None where there is none."""
     mean = still[0] + still[1]
+    least, most = np.minimum(still[0], still[1]), np.maximum(still[0], still[1])
     for code in still[2:]:
         mean += code
+        np.minimum(least, code, out=least)
+        np.maximum(most, code, out=most)
     mean /= np.float32(len(still))
-    red, green, blue = mean[..., 0], mean[..., 1], mean[..., 2]
-    used = same & (np.minimum(np.minimum(red, green), blue) > _CLIPPED)
-    used &= np.maximum(np.maximum(red, green), blue) < 1.0 - _CLIPPED
+    used = same & _between(_CLIPPED, mean, mean) & _between(_CUT_OFF, least, most)
     pairs = list(pairwise(still))
     if len(pairs) * used.sum() < LEAST_PIXELS or not any(
         _any_of(after != before, used) for before, after in pairs
     ):
         return None
+    still = _in_one_light(still, mean, used)
     counted = np.flatnonzero(used[_FEW])
     codes = _by_channel(np.stack([_picked(code, counted) for code in still]))
     once, twice = (codes[:, lag:] - codes[:, :-lag] for lag in (1, 2))
@@ -89,6 +96,51 @@ def noise_over_time(still: Sequence[Float32], same: Bool) -> PlateNoise | None:
         part_used=part_used,
         persistence=persistence,
     )
+
+
+def _between(margin: float, least: Float32, most: Float32) -> Bool:
+    """Pixels (H, W) that keep a margin to black and to white in all channels."""
+    darkest = np.minimum(np.minimum(least[..., 0], least[..., 1]), least[..., 2])
+    brightest = np.maximum(np.maximum(most[..., 0], most[..., 1]), most[..., 2])
+    return np.asarray((darkest > margin) & (brightest < 1.0 - margin))
+
+
+def _in_one_light(still: Sequence[Float32], mean: Float32, used: Bool) -> list[Float32]:
+    """Pictures (H, W, 3) in the light of the mean of all, their noise unchanged.
+
+    A change of the light varies slowly over the picture, and in display code it is nearly linear in
+    the level. So the least-squares line of change against level, in windows far larger than grain,
+    is the light, and what it leaves is noise.
+
+    Args:
+        still: the pictures.
+        mean: of all.
+        used: pixels (H, W) that count.
+    """
+    counted = np.repeat(used[..., None], 3, axis=2).astype(np.float32)
+    share = np.maximum(_over_windows(counted), np.float32(1e-6))
+    counted_mean = counted * mean
+    level = _over_windows(counted_mean) / share
+    spread = _over_windows(counted_mean * mean) / share - level * level + np.float32(_FLAT**2)
+    size = mean.shape[1], mean.shape[0]
+    found = []
+    for code in still:
+        change = code - mean
+        shift = _over_windows(counted * change) / share
+        slope = (_over_windows(counted_mean * change) / share - level * shift) / spread
+        offset = shift - slope * level
+        light = cv2.resize(slope, size) * mean + cv2.resize(offset, size)
+        found.append(np.asarray(code - light, np.float32))
+    return found
+
+
+def _over_windows(values: Float32) -> Float32:
+    """Means (h, w, 3) over windows round the cells of a picture (H, W, 3)."""
+    height, width, _ = values.shape
+    cells = max(1, width // _CELL_PX), max(1, height // _CELL_PX)
+    small = cv2.resize(values, cells, interpolation=cv2.INTER_AREA)
+    means = cv2.blur(small, (_CELLS, _CELLS), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(means, np.float32)
 
 
 def _picked(pixels: Float32, at: Int64) -> Float32:
