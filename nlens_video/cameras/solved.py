@@ -197,7 +197,11 @@ class SolvedCamera:
         )  # fmt: skip
 
     def to_json(self) -> str:
-        """The text of `camera.json`."""
+        """The text of `camera.json`.
+
+        Raises:
+            ValueError: a number is not finite, which JSON cannot say.
+        """
         values: dict[str, object] = {
             "width": self.width,
             "height": self.height,
@@ -230,7 +234,7 @@ class SolvedCamera:
             values["place_guessed"] = True
         if self.reprojection_px is not None:
             values["reprojection_px"] = self.reprojection_px
-        return json.dumps(values, indent=1) + "\n"
+        return json.dumps(values, indent=1, allow_nan=False) + "\n"
 
 
 def _frame(width: int, height: int, pixel_aspect: float) -> str:

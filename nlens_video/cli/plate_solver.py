@@ -123,7 +123,9 @@ def solve_plate(
             on_progress(len(frames), info.frame_count)
     if not frames:
         raise UsageError(no_such_frames(source, info))
-    camera = doubted_where_steep(solver.solve(), solver.segments)
+    camera = solver.solve()
+    require_numbers(camera)
+    camera = doubted_where_steep(camera, solver.segments)
     tracked = reproject(solver.seen, solver.times_s, camera)
     require_path(camera, tracked, frames)
     error = tracked.median_px
@@ -160,6 +162,24 @@ def _square_size(info: SourceInfo) -> tuple[int, int]:
     """Columns and rows of a plate with square pixels, reduced: a solve takes pixels for square."""
     across, down = _stretch(info)
     return max(1, round(info.width / across)), max(1, round(info.height / down))
+
+
+def require_numbers(solved: SolvedCamera) -> None:
+    """Refuse a camera with a number that is not finite, which no file can hold.
+
+    Raises:
+        InputError: it has one.
+    """
+    errors = solved.errors
+    numbers = [errors.fov_deg, errors.pitch_deg, errors.roll_deg, solved.distortion_k1]
+    for key in solved.keys:
+        numbers += [key.fov_x_deg, *key.world_to_camera.ravel()]
+    if np.isfinite(numbers).all():
+        return
+    raise InputError(
+        "the plate's camera came out without finite numbers: its points contradict each other; "
+        "give --camera-from, or another part by --range"
+    )
 
 
 def require_path(solved: SolvedCamera, tracked: Reprojection, frames: Sequence[int]) -> None:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
 from nlens_video.core.layers import Float64
 from nlens_video.solve.focal import KnownFov
+from nlens_video.solve.still.prior import FOCAL_PRIOR
 
 FOV_MEASURED = 0.08
 """Largest standard error of a focal length that counts as measured [1]."""
 _PITCH_MEASURED, _ROLL_MEASURED = math.radians(4.0), math.radians(1.5)
+_UNKNOWN = np.array([
+    math.radians(CameraErrors().pitch_deg), math.radians(CameraErrors().roll_deg), FOCAL_PRIOR[1],
+])  # fmt: skip
 _FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
 
@@ -30,9 +36,12 @@ def with_sources(
         keys: the camera of each frame.
         errors: of pitch, roll [rad] and of the focal length (3,) [1].
         known: field of view from metadata or the user, None where it was measured alone.
-        path: how the camera moves; the ground of one that leaves its place is always measured.
+        path: how the camera moves; the ground of one that leaves its place is measured where its
+            errors are known.
         method: what it was solved by.
     """
+    known_errors = bool(np.isfinite(errors).all())
+    errors = np.where(np.isfinite(errors), errors, _UNKNOWN)
     source: FovSource = "assumed" if known is None else "metadata"
     if errors[2] < min(FOV_MEASURED, _FINER * (known.error if known else 1.0)):
         source = "measured"
@@ -44,7 +53,7 @@ def with_sources(
         height=size[1],
         keys=keys,
         fov=source,
-        horizon="measured" if sure or path == "moving" else "assumed",
+        horizon="measured" if sure or (path == "moving" and known_errors) else "assumed",
         path=path,
         errors=CameraErrors(
             fov_deg=fov_error,

@@ -17,6 +17,7 @@ _LOSS_PX = 1.0
 _TRIED = 0.02  # change of the focal length by which its error is measured [1]
 _SYSTEMATIC = 2e-4  # errors of tracks that do not average out, by the frame's width [1]
 _FEWEST = 3  # observations of a point that takes part
+_LEAST_KEPT = 0.5  # share of them by which the error of a focal length is told
 _BENT_GAIN, _BENT_PX = 0.985, 2.0  # of the cost without; shift of a corner that shows
 
 
@@ -65,13 +66,16 @@ class Bundle:
         return np.asarray(used & (counts[self.table.numbers] >= _FEWEST))
 
     def cost(self, used: Bool) -> float:
-        """Sum of some observations' losses (Cauchy's) [px²]."""
-        return float(_LOSS_PX**2 * np.log1p((self.errors_px()[used] / _LOSS_PX) ** 2).sum())
+        """Sum of some observations' losses (Cauchy's), infinite where one has no model [px²]."""
+        losses = _LOSS_PX**2 * np.log1p((self.errors_px()[used] / _LOSS_PX) ** 2)
+        return float(np.nan_to_num(losses, nan=math.inf).sum())
 
     @property
     def residual_px(self) -> float:
-        """Median distance of an observation from its model [px]."""
-        return float(np.nanmedian(self.errors_px()))
+        """Median distance of an observation from its model, infinite without any [px]."""
+        errors = self.errors_px()
+        errors = errors[np.isfinite(errors)]
+        return float(np.median(errors)) if len(errors) else math.inf
 
     @property
     def unexplained_px(self) -> float:
@@ -185,15 +189,20 @@ class Bundle:
         """Standard error of the focal length, from two adjustments beside it [1].
 
         Where the path does not tell the focal length, as on a straight line without a turn, both
-        cost next to nothing and the error is large.
+        cost next to nothing and the error is large. It is infinite where they lose half of what
+        is seen.
         """
         focal, used = float(np.median(self.focals_px)), self.believed()
-        low, here, high = (
-            self.stretched(focal * share).adjusted(focal=False, used=used).cost(used)
+        tried = [
+            self.stretched(focal * share).adjusted(focal=False, used=used)
             for share in (1.0 - _TRIED, 1.0, 1.0 + _TRIED)
-        )
-        errors = self.errors_px()
-        spread = (1.4826 * float(np.nanmedian(errors))) ** 2 / 2.0
+        ]
+        # A point that one of them takes behind a camera costs nothing that could be compared.
+        kept = used & np.isfinite([one.errors_px() for one in tried]).all(axis=0)
+        if kept.sum() <= _LEAST_KEPT * used.sum():
+            return math.inf
+        low, here, high = (one.cost(kept) for one in tried)
+        spread = (1.4826 * self.residual_px) ** 2 / 2.0
         rise = max(0.5 * (low + high) - here, 1e-9) / max(spread, 1e-9)
         return _TRIED / math.sqrt(rise)
 

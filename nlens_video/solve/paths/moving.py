@@ -158,7 +158,7 @@ class PartSolver:
             used = bundle.believed()
             zoomed = bundle.adjusted(zooms=True, used=used)
             change = float(np.ptp(np.log(zoomed.focals_px)))
-            if change < _LEAST_ZOOM or zoomed.cost(used) > _ZOOM_GAIN * bundle.cost(used):
+            if change < _LEAST_ZOOM or not zoomed.cost(used) < _ZOOM_GAIN * bundle.cost(used):
                 return bundle.bent(focal=free)
         structure = map_keyframes(table, count, self.size, focal_px, zooms=True)
         if structure is None:
