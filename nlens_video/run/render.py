@@ -17,6 +17,7 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
+from nlens_video.run.checks.camera_frames import notes_on_camera_frames
 from nlens_video.run.checks.drift import DriftCheck
 from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.checks.zoom import ZoomCheck
@@ -79,8 +80,11 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
         NlensError: as `render`.
     """
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
+        camera = run_input.session.view.solved
+        lasts = notes_on_camera_frames(camera, run_input.info, settings.source.frames)
         return (
             *_describe_source(run_input.info),
+            *(f"note: {note}" for note in lasts),
             *describe(run_input.session, all_reasons=all_reasons),
         )
 
@@ -127,11 +131,12 @@ def render(
         run_input = take_in(source, settings, profiler, known, chunks=chunks, scene=scene)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
-        step = frame_s(source.info)
-        zoom = ZoomCheck(step)
+        zoom = ZoomCheck(frame_s(source.info))
+        lasts = notes_on_camera_frames(session.view.solved, source.info, settings.source.frames)
         drift = DriftCheck(
-            step, session.context.ground_height, solved=settings.scene.camera_from is not None,
-            distortion_k1=session.distortion_k1,
+            frame_s(source.info), session.context.ground_height,
+            solved=settings.scene.camera_from is not None,
+            distortion_k1=session.distortion_k1, ends_early=bool(lasts),
         )  # fmt: skip
         found = observers(settings, source.info, session, output)
         sidecars = stack.enter_context(SidecarOutputs(found))
@@ -164,6 +169,7 @@ def render(
             notes=(
                 *source.info.notes,
                 *notes_on_fields(source.info),
+                *lasts,
                 *source.warnings(),
                 *session.notes,
                 *session.device.notes,

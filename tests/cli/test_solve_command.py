@@ -223,6 +223,20 @@ def test_still_camera_on_a_plate_that_moves_is_told_with_the_drift(files, tmp_pa
     assert "--camera-from" in run.stderr
 
 
+def test_camera_of_a_part_is_told_with_the_frames_that_it_lacks(files, tmp_path):
+    run = nlens("solve", files / "walk.mkv", tmp_path / "part.json", "--range", "2:11")
+    assert run.returncode == 0, run.stderr
+    words = (
+        "--camera-from", tmp_path / "part.json", "--at", "0.5,0.8", "--size", "0.2", "--fit",
+        files / "fit.json", "--preset", "draft", "--no-progress", "--effects", "none",
+    )  # fmt: skip
+    run = nlens(files / "walk.mkv", files / "bare.glb", tmp_path / "out.mkv", *words)
+    assert run.returncode == 0, run.stderr
+    assert "covers frames 2 to 10, the run needs 0 to 13" in run.stderr
+    assert "slides over the plate's ground by up to" in run.stderr
+    assert "give a camera of all frames" in run.stderr
+
+
 def frames(path):
     with av.open(str(path)) as container:
         for frame in container.decode(video=0):

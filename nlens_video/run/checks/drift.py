@@ -27,16 +27,24 @@ class DriftCheck(Observer):
         ground_y: height of the object's ground [scene unit].
         solved: whether the camera is one of the plate's, solved or given.
         distortion_k1: of the plate's lens, which the object follows, as of `SolvedCamera` [1].
+        ends_early: whether the camera does not last for all frames, which another note tells.
     """
 
     def __init__(
-        self, frame_s: float, ground_y: float, *, solved: bool, distortion_k1: float = 0.0
+        self,
+        frame_s: float,
+        ground_y: float,
+        *,
+        solved: bool,
+        distortion_k1: float = 0.0,
+        ends_early: bool = False,
     ) -> None:
         super().__init__()
         self._pace = Pace(frame_s, _SOON_S, _LATE_S)
         self._ground_y = ground_y
         self._solved = solved
         self._distortion = distortion_k1
+        self._ends_early = ends_early
         self._tracker = Tracker(most=_POINTS, recorded=False)
         self._drift = GroundDrift()
         self._camera: Camera | None = None
@@ -59,7 +67,12 @@ class DriftCheck(Observer):
             f"by up to {scale * drift.worst_px:.0f} px over {self._last - self._first} frames "
             f"(rms {scale * drift.rms_px:.1f} px)"
         )
-        if not self._camera_moves:
+        if self._ends_early:
+            text = (
+                f"the object slides over the plate's ground {words}; give a camera of all frames "
+                "of the run"
+            )
+        elif not self._camera_moves:
             remedy = "use another camera file" if self._solved else (
                 "solve the plate's camera (nlens-video solve IN camera.json) and give it with "
                 "--camera-from"
