@@ -10,9 +10,12 @@ from support.seen_points import observed
 
 from nlens_video.solve.paths.moving import PartSolver
 from nlens_video.solve.paths.rotation import _Data, solve_rotation
+from nlens_video.solve.points.evenly import evenly
+from nlens_video.solve.points.noise import noise_px
 from nlens_video.solve.points.observations import Observations
 
 FRAMES = list(range(12))
+ROOM = 2500
 
 
 def pan(fov_deg, noise_px=0.1, moving=0, parallax=0.0, zoom=1.0, turning=1.0):
@@ -55,6 +58,77 @@ def test_field_of_view_and_rotations_of_a_pan_are_found(fov_deg):
 def test_things_that_move_are_left_out():
     seen, _, _ = pan(40.0, moving=80)
     assert solved(seen).focals_px[0] == pytest.approx(focal_of(40.0), rel=0.02)
+
+
+def crossed(walkers):
+    """Observations of a pan while somebody with so many points crosses close before the camera.
+
+    The room's points are seen for three frames each, as where they are covered and uncovered.
+    """
+    rng = np.random.default_rng(4)
+    room = np.column_stack(
+        [rng.uniform(-6, 6, ROOM), rng.uniform(-5, 2, ROOM), rng.uniform(-9, -7, ROOM)]
+    )
+    begun = rng.integers(-2, len(FRAMES), ROOM)
+    person = rng.uniform((0, 0), (90, SIZE[1]), (walkers, 2))
+    turns, frames = [], []
+    for frame in FRAMES:
+        turn = rotation(math.radians(6.0 - frame), math.radians(-10.0), 0.0)
+        pixels, seen = project(room, turn, np.zeros(3), 40.0)
+        seen &= (frame >= begun) & (frame < begun + 3)
+        left = 40.0 * frame
+        seen &= (pixels[:, 0] < left) | (pixels[:, 0] > left + 90.0)
+        there = np.concatenate([pixels, person + (left, 0.0)])
+        there += rng.normal(0.0, 0.1, there.shape)
+        turns.append(turn)
+        frames.append((there, np.concatenate([seen, np.ones(walkers, bool)])))
+    return observed(frames), np.array(turns)
+
+
+def test_somebody_with_most_points_who_crosses_close_before_the_camera_is_left_out():
+    seen, turns = crossed(walkers=220)
+    assert abs(solved(seen, focal_of(40.0)).rotations - turns[0].T @ turns).max() < 0.01
+
+
+def test_every_frame_follows_the_room_behind_somebody_who_crosses():
+    seen, turns = crossed(walkers=400)
+    part = PartSolver(seen, SIZE).turning(FRAMES, solved(seen, focal_of(40.0)))
+    assert part.frames == FRAMES
+    assert abs(part.poses[:, :3, :3] - turns[0].T @ turns).max() < 0.01
+
+
+def test_points_that_are_taken_share_the_frame_evenly():
+    seen, _ = crossed(walkers=220)
+    table = seen.table(FRAMES)
+    taken = evenly(table, len(FRAMES), SIZE)
+    person = table.names[table.numbers] >= ROOM
+    assert person.mean() > 0.5
+    assert person[taken].mean() < 0.3
+
+
+def test_noisy_tracks_of_a_turn_are_no_reason_to_look_for_a_path(monkeypatch):
+    def fail(*_, **__):
+        pytest.fail("a path was looked for")
+
+    monkeypatch.setattr(PartSolver, "_bundle", fail)
+    seen, turns, _ = pan(40.0, noise_px=0.7)
+    assert solved(seen).residual_px > 0.6
+    part = PartSolver(seen, SIZE).solve(FRAMES, None)
+    assert part.kind == "rotation"
+    assert abs(part.poses[:, :3, :3] - turns[0].T @ turns).max() < 5e-3
+
+
+@pytest.mark.parametrize("parallax", [0.0, 0.05])
+def test_noise_of_tracks_is_measured_whatever_depth_the_scene_has(parallax):
+    seen, _, _ = pan(40.0, noise_px=0.5, parallax=parallax)
+    assert noise_px(seen, FRAMES[0], FRAMES[-1]) == pytest.approx(1.1774 * 0.5, rel=0.1)
+
+
+def test_noise_of_frames_that_share_no_points_is_not_known():
+    seen = Observations()
+    for frame in range(4):
+        seen.add(np.arange(10 * frame, 10 * frame + 10), np.zeros((10, 2), np.float32))
+    assert noise_px(seen, 0, 3) == 0.0
 
 
 def test_known_focal_length_is_kept():

@@ -23,9 +23,12 @@ from nlens_video.solve.paths.rotation import (
     resect_rotation,
     solve_rotation,
 )
+from nlens_video.solve.points.evenly import evenly
+from nlens_video.solve.points.noise import noise_px
 from nlens_video.solve.points.observations import Ints, Observations
 
 _ROTATION_PX = 0.6  # largest median residual of a rotation that is believed
+_OF_NOISE = 2.0  # of the tracks' noise, where that is more: compression repeats it over frames
 _STEADY_PX = 0.3  # above this the focal length may change
 _BETTER = 0.6  # of the residual with one focal length, with one for each keyframe
 _WORST_PX = 1.0  # of a reconstruction that is believed
@@ -120,9 +123,10 @@ class PartSolver:
             zoomed = solve_rotation(table, count, self.size, focal_px, zooms=True)
             if zoomed is not None and _far_better(rotation, zoomed):
                 rotation = zoomed
-        if rotation is not None and rotation.residual_px < _ROTATION_PX:
+        noise = min(_OF_NOISE * noise_px(self.seen, keyframes[0], keyframes[-1]), _WORST_PX)
+        if rotation is not None and rotation.residual_px < max(_ROTATION_PX, noise):
             zooms = float(np.ptp(rotation.focals_px)) > 0.0
-            if rotation.residual_px < _STEADY_PX and not zooms or not installed():
+            if rotation.residual_px < max(_STEADY_PX, noise) and not zooms or not installed():
                 return self.turning(keyframes, rotation)
             # A path through far things, or towards them, looks much like a turn or a zoom.
             bundle = self._bundle(keyframes, focal_px)
@@ -169,14 +173,15 @@ class PartSolver:
         """A rotation's part: all frames from the directions of its points."""
         table = self.seen.table(keyframes, fewest=2)
         directions = point_directions(table, path, self.size)
+        taken = np.unique(table.numbers[evenly(table, len(keyframes), self.size)])
         zooms = float(np.ptp(np.log(path.focals_px))) > 0.0
         focal_at = _between(keyframes, path.focals_px)
         frames, poses, focals = [], [], []
         for frame in range(keyframes[0], keyframes[-1] + 1):
             names, pixels = self.seen.frame(frame)
-            _, here, there = np.intersect1d(names, table.names, return_indices=True)
+            _, here, there = np.intersect1d(names, table.names[taken], return_indices=True)
             found = resect_rotation(
-                directions[there], pixels[here], self.size, focal_at(frame), zooms=zooms
+                directions[taken[there]], pixels[here], self.size, focal_at(frame), zooms=zooms
             )
             if found is not None:
                 pose = np.eye(4)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.paths.least_cauchy import least_cauchy
+from nlens_video.solve.points.evenly import evenly
 from nlens_video.solve.points.observations import Ints, Table
 
 _FOCALS = np.geomspace(0.5, 4.0, 9)  # tried first, by the frame's width [1]
@@ -18,7 +19,6 @@ _LOSS_PX = 0.5
 _ROUNDS = 4
 _FEWEST = 8  # points that two frames share
 _FAR_PX = 4.0  # of a start that is worth refining
-_MOST_POINTS = 200  # those that are seen the longest suffice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,10 +58,7 @@ def solve_rotation(
     Returns:
         None where two frames that follow share fewer than eight points, or where no rotation fits.
     """
-    seen = np.bincount(table.numbers, minlength=len(table.names))
-    longest = np.zeros(len(seen), np.bool_)
-    longest[np.argsort(-seen, kind="stable")[:_MOST_POINTS]] = True
-    used = longest[table.numbers]
+    used = evenly(table, count, size)
     if not used.any():
         return None
     data = _Data(table.numbers[used], table.places[used], _flat(table.pixels[used], size))
