@@ -105,9 +105,10 @@ def test_back_layer_is_not_extended_under_a_silhouette_before_nothing():
     assert under[0] > 0.7 and under[-1] < 0.2 and np.all(np.diff(under) < 0.05)
 
 
-def test_antialiased_edges_of_the_near_layer_hold_only_its_own_light():
+@pytest.mark.parametrize("red", [0.9, -0.2])  # negative in colours of a wide gamut
+def test_antialiased_edges_of_the_near_layer_hold_only_its_own_light(red):
     rgba, coc = two_cards()
-    near_light, far_light = np.float32([0.9, 0.1, 0.1, 1.0]), OPAQUE
+    near_light, far_light = np.float32([red, 0.1, 0.1, 1.0]), OPAQUE
     rgba[10:30, 10:30] = near_light
     rgba[10:30, 29] = 0.25 * near_light + 0.75 * far_light  # a quarter of its last column
     layers = split_at_steps(rgba, coc, find_discontinuities(rgba, coc))

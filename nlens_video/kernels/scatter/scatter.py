@@ -40,7 +40,7 @@ Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32
 FINE = Detail(stamps_px=3.0, spans_px=4.0, coarse_px=16.0)
 """Close to the definition (`scatter_ref`): 50 dB and more, but for the rim of a lone highlight's
 disc above a CoC of 32 px, which is as soft as a coarse pixel is large."""
-DRAFT = Detail(stamps_px=1.5, spans_px=2.0, coarse_px=3.0)
+DRAFT = Detail(stamps_px=1.5, spans_px=2.0, coarse_px=5.0)
 """As cheap as is acceptable: 36 dB and more against the true lens."""
 SKEW_REACH = 7.0 / 6.0
 """How many of its half axes a disc reaches at most when its light is skew [1]."""

@@ -75,7 +75,11 @@ void take_back_out(Array<float, 3> near_rgba, Mask near, Mask back, Picture fill
         }
         if (square <= 0.0) continue;
         const auto free = static_cast<float>(1.0 - std::min(std::max(along / square, 0.0), 1.0));
-        for (int c = 0; c < 4; ++c) mixed[c] = std::max(mixed[c] - free * behind[c], 0.0f);
+        for (int c = 0; c < 4; ++c) {
+            // light of a wide gamut may be negative, coverage may not
+            const float least = c < 3 ? std::min(static_cast<float>(mean.rgba[c]), 0.0f) : 0.0f;
+            mixed[c] = std::max(mixed[c] - free * behind[c], least);
+        }
     }
 }
 
