@@ -13,7 +13,7 @@ import numpy.typing as npt
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, PathKind, SolvedCamera
 from nlens_video.core.errors import InputError
-from nlens_video.core.layers import CocMap, Float64
+from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.solve.focal import (
     MOST_POOLED,
     KnownFov,
@@ -24,10 +24,11 @@ from nlens_video.solve.focal import (
 from nlens_video.solve.paths.bundle import Bundle
 from nlens_video.solve.paths.joining import Joined, parts_of
 from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
+from nlens_video.solve.paths.moving_areas import beside_areas, moving_areas
 from nlens_video.solve.paths.standing_planes import standing_planes
 from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
-from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, with_sources
+from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, method_of, with_sources
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.picture_cue import PictureCue
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
@@ -190,14 +191,17 @@ class ShotSolver:
             log, error = focal_of_scene(pictures, self.size, normal, focal, prior, standing)
         return with_focal(path, math.exp(log) * width), error
 
-    def _segments(self, turned: dict[int, Float64], focal: float) -> list[Segments]:
-        """Line segments of some pictures in the axes of the first frame."""
-        return [
-            turned_segments(find_segments(self._pictures[frame]), turn, focal, self.size).without(
-                self.ignored, self.size[0]
-            )
-            for frame, turn in turned.items()
-        ]
+    def _segments(
+        self, turned: dict[int, Float64], focal: float, moving: dict[int, Bool] | None = None
+    ) -> list[Segments]:
+        """Line segments of some pictures in the axes of the first frame, of what stands still."""
+        pictures = []
+        for frame, turn in turned.items():
+            found = find_segments(self._pictures[frame])
+            found = beside_areas(found, moving[frame]) if moving else found
+            found = turned_segments(found, turn, focal, self.size)
+            pictures.append(found.without(self.ignored, self.size[0]))
+        return pictures
 
     def _horizon(self, segments: Segments, focal: tuple[float, float]) -> Horizon:
         """Attitude of the first picture, with a focal length that is known to an error."""
@@ -220,7 +224,7 @@ class ShotSolver:
         errors = np.sqrt(np.diag(horizon.covariance))
         return self._outcome(
             [0], [horizon.pose(EYE_HEIGHT)], [math.exp(horizon.log_focal)], errors, path="still",
-            method=_method("vanishing points", prior),
+            method=method_of("vanishing points", prior),
         )  # fmt: skip
 
     def _turning(self, path: Joined, error: float) -> SolvedCamera:
@@ -233,11 +237,14 @@ class ShotSolver:
             if frame in place
         }
         focal = path.focals_px[0] / width
+        turns = np.array([pose[:3, :3] for pose in path.poses])
         prior = TurningPrior(
             (math.log(focal), max(error, 1e-3)), *self._cues(),
-            turn_axis(np.array([first.T @ pose[:3, :3] for pose in path.poses])),
+            turn_axis(first.T @ turns),
         )  # fmt: skip
-        lines = pooled(self._segments(turned, focal), MOST_POOLED)
+        focals = {frame: path.focals_px[place[frame]] for frame in turned}
+        moving = moving_areas({frame: self._pictures[frame] for frame in turned}, turned, focals)
+        lines = pooled(self._segments(turned, focal, moving), MOST_POOLED)
         horizon = Mixture(lines, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
@@ -248,7 +255,7 @@ class ShotSolver:
             poses.append(level)
         return self._outcome(
             path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
-            method=_method("rotation, vanishing points", prior),
+            method=method_of("rotation, vanishing points", prior),
         )  # fmt: skip
 
     def _moving(self, path: Joined, error: float) -> SolvedCamera:
@@ -288,11 +295,3 @@ class ShotSolver:
             for frame, pose, focal in zip(frames, poses, focals, strict=True)
         )  # fmt: skip
         return with_sources(self.size, keys, errors, self.known, path=path, method=method)
-
-
-def _method(lines: str, prior: CameraPrior) -> str:
-    """Everything that told of a camera, in words."""
-    told = [lines]
-    told += ["blur"] if prior.blur else []
-    told += ["the camera network"] if prior.picture else []
-    return " and ".join(told) if len(told) < 3 else f"{', '.join(told[:-1])} and {told[-1]}"

@@ -9,7 +9,7 @@ import numpy as np
 from nlens_video.cameras.solved import CameraErrors, CameraKey, FovSource, PathKind, SolvedCamera
 from nlens_video.core.layers import Float64
 from nlens_video.solve.focal import KnownFov
-from nlens_video.solve.still.prior import FOCAL_PRIOR
+from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
 
 FOV_MEASURED = 0.08
 """Largest standard error of a focal length that counts as measured [1]."""
@@ -67,3 +67,11 @@ def with_sources(
 def fov_of_focal(focal: float) -> float:
     """Field of view across the frame [deg] of a focal length by its width [1]."""
     return 2.0 * math.degrees(math.atan(0.5 / focal))
+
+
+def method_of(lines: str, prior: CameraPrior) -> str:
+    """Everything that told of a camera, in words."""
+    told = [lines]
+    told += ["blur"] if prior.blur else []
+    told += ["the camera network"] if prior.picture else []
+    return " and ".join(told) if len(told) < 3 else f"{', '.join(told[:-1])} and {told[-1]}"
