@@ -17,10 +17,7 @@ from nlens_video.graph.executor import FrameState
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import describe
-from nlens_video.run.checks.camera_frames import notes_on_camera_frames
-from nlens_video.run.checks.drift import DriftCheck
-from nlens_video.run.checks.interlaced import notes_on_fields
-from nlens_video.run.checks.zoom import ZoomCheck
+from nlens_video.run.checks.plate_checks import PlateChecks, notes_beforehand
 from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
 from nlens_video.run.open_run import open_run, take_in
@@ -80,12 +77,12 @@ def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
         NlensError: as `render`.
     """
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
-        camera = run_input.session.view.solved
-        lasts = notes_on_camera_frames(camera, run_input.info, settings.source.frames)
+        info, session = run_input.info, run_input.session
+        notes = (*info.notes, *notes_beforehand(settings, info, session))
         return (
-            *_describe_source(run_input.info),
-            *(f"note: {note}" for note in lasts),
-            *describe(run_input.session, all_reasons=all_reasons),
+            *_describe_source(info),
+            *(f"note: {note}" for note in notes),
+            *describe(session, all_reasons=all_reasons),
         )
 
 
@@ -131,16 +128,10 @@ def render(
         run_input = take_in(source, settings, profiler, known, chunks=chunks, scene=scene)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
-        zoom = ZoomCheck(frame_s(source.info))
-        lasts = notes_on_camera_frames(session.view.solved, source.info, settings.source.frames)
-        drift = DriftCheck(
-            frame_s(source.info), session.context.ground_height,
-            solved=settings.scene.camera_from is not None,
-            distortion_k1=session.distortion_k1, ends_early=bool(lasts),
-        )  # fmt: skip
+        checks = PlateChecks(settings, source.info, session, frame_s(source.info))
         found = observers(settings, source.info, session, output)
         sidecars = stack.enter_context(SidecarOutputs(found))
-        observing = (sidecars, zoom, drift)
+        observing = (sidecars, *checks.observers)
         total = _expected(source.info, settings)
         workers = session.workers()
         may_drop = run_input.may_drop if settings.late == "drop" else None
@@ -168,15 +159,13 @@ def render(
             timing=profiler.summary(), composited=composited, damaged=source.damaged,
             notes=(
                 *source.info.notes,
-                *notes_on_fields(source.info),
-                *lasts,
+                *notes_beforehand(settings, source.info, session),
                 *source.warnings(),
                 *session.notes,
                 *session.device.notes,
                 *sink.notes,
                 *_reconnections(source),
-                *zoom.notes,
-                *drift.notes,
+                *checks.notes,
             ),
         )  # fmt: skip
         sink.commit()
@@ -215,8 +204,6 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         f"colour: matrix {tags.matrix}, transfer {tags.transfer}, primaries {tags.primaries}, "
         f"{'full' if tags.full_range else 'limited'} range{assumed}"
     )
-    for note in (*info.notes, *notes_on_fields(info)):
-        yield f"note: {note}"
 
 
 def _reconnections(source: Source) -> tuple[str, ...]:
