@@ -8,10 +8,11 @@ from nlens_video.core.numbers import with_error
 _PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
 _FOV_SHARE = 0.15  # standard error of the field of view, as a share of it [1]
 _REAL_DEG = (3.0, 150.0)  # fields of view of lenses in use
-_REMEDY = (
-    "give --fov DEG if the lens is known, --at, --size and --horizon to set the ground by eye, or "
-    "--camera-from CAMERA"
-)
+_BESIDE = 0.001  # of the width: half of a path's points are off by more [1]
+_LENS = "--fov DEG if the lens is known"
+_GROUND = "--at, --size and --horizon to set the ground by eye"
+_PATH = "--range to leave out the frames that are crossed"
+_FILE = "--camera-from CAMERA"
 
 
 def what_was_found(solved: SolvedCamera) -> str:
@@ -44,15 +45,27 @@ def doubt(solved: SolvedCamera) -> str:
     """
     fov, errors = solved.keys[0].fov_x_deg, solved.errors
     guessed = solved.fov == solved.horizon == "assumed"
-    found = []
+    found, remedies = [], []
     if not _REAL_DEG[0] <= fov <= _REAL_DEG[1]:
         found.append(f"its field of view came out as {fov:.3g} degrees, which no usual lens has")
     elif solved.fov == "assumed" and solved.path != "moving":
-        if guessed or errors.fov_deg > _FOV_SHARE * fov:
+        if guessed or not errors.fov_deg <= _FOV_SHARE * fov:
             found.append(f"its field of view is a guess, {fov:.0f} ± {errors.fov_deg:.0f} degrees")
-    if solved.horizon == "assumed" and (guessed or errors.pitch_deg > _PITCH_DEG):
+    tilted = solved.horizon == "assumed" and (guessed or not errors.pitch_deg <= _PITCH_DEG)
+    if found or (tilted and solved.fov == "assumed"):
+        remedies.append(_LENS)
+    if tilted:
         pitch = solved.keys[0].pitch_deg
         found.append(f"its pitch is a guess, {round(pitch)} ± {errors.pitch_deg:.0f} degrees")
+    if found:
+        remedies.append(_GROUND)
+    off = solved.reprojection_px
+    # Before a still camera that says what moves, not where the camera is.
+    if solved.path in ("rotation", "moving") and off is not None and off > _BESIDE * solved.width:
+        found.append(f"half of the points that it follows lie over {off:.2g} px beside its path")
+        remedies.append(_PATH)
     if not found:
         return ""
-    return f"the plate's camera is uncertain: {' and '.join(found)}; {_REMEDY}"
+    *first, last = [*remedies, _FILE]
+    doubted = found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}"
+    return f"the plate's camera is uncertain: {doubted}; give {', '.join(first)}, or {last}"

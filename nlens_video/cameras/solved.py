@@ -22,6 +22,8 @@ PathKind = Literal["still", "rotation", "moving", "assumed"]
 Scale = Literal["metres", "arbitrary"]
 
 _RIGID = 1e-3  # rotations read from text are orthonormal to about six digits
+GIVEN_FOV = "field of view by --fov"
+"""In the method of a camera whose field of view the user gave: `fov` knows metadata only."""
 LARGEST = 1e9
 """Numbers beyond that are taken for mistakes."""
 
@@ -126,7 +128,9 @@ class SolvedCamera:
     @property
     def fov_source(self) -> str:
         """Where the field of view comes from, in words."""
-        return "from metadata" if self.fov == "metadata" else self.fov
+        if self.fov != "metadata":
+            return self.fov
+        return "given" if GIVEN_FOV in self.method else "from metadata"
 
     def at(self, time_s: float) -> Camera:
         """The camera at a time, interpolated between frames and held beyond them.

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.solved import GIVEN_FOV, SolvedCamera
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import CocMap, Float32, Picture
@@ -240,7 +240,7 @@ def _known(info: SourceInfo, fov_deg: float | None) -> tuple[KnownFov | None, st
     if fov_deg is not None:
         focal = 0.5 / math.tan(0.5 * math.radians(fov_deg))
         given = KnownFov(focal=focal, error=_GIVEN_ERROR, given=True)
-        return given, f"; field of view by --fov {fov_deg:g}"
+        return given, f"; {GIVEN_FOV} {fov_deg:g}"
     found = tagged_focal(info)
     if found is None:
         return None, ""

@@ -40,6 +40,29 @@ def test_camera_of_which_nothing_is_measured_is_doubted_whatever_its_errors():
     assert doubt(camera(fov="metadata", horizon="assumed")) == ""
 
 
+@pytest.mark.parametrize("fov", ["measured", "metadata"])
+def test_lens_is_not_asked_for_where_the_pitch_alone_is_a_guess(fov):
+    line = doubt(camera(fov=fov, horizon="assumed", errors=VAGUE))
+    assert "pitch is a guess" in line and "--horizon" in line and "--camera-from" in line
+    assert "--fov" not in line
+    assert "--fov" in doubt(camera(fov="assumed", horizon="assumed", errors=VAGUE))
+
+
+def test_error_that_is_no_number_is_doubted():
+    unknown = CameraErrors(fov_deg=float("nan"), pitch_deg=float("nan"))
+    assert "pitch is a guess" in doubt(camera(horizon="assumed", errors=unknown))
+
+
+@pytest.mark.parametrize("path", ["rotation", "moving"])
+def test_path_beside_which_its_points_lie_is_doubted(path):
+    assert doubt(camera(path=path, width=800, reprojection_px=0.5)) == ""
+    line = doubt(camera(path=path, width=800, reprojection_px=0.97))
+    assert "half of the points that it follows lie over 0.97 px beside its path" in line
+    assert "--range" in line and "--camera-from" in line
+    assert "--fov" not in line and "--horizon" not in line
+    assert doubt(camera(path="still", width=800, reprojection_px=0.97)) == ""
+
+
 @pytest.mark.parametrize("fov_deg", [0.4, 160.0])
 def test_field_of_view_of_no_lens_is_doubted_even_where_it_is_called_measured(fov_deg):
     assert f"{fov_deg:.3g} degrees, which no usual lens has" in doubt(camera(fov_deg))
@@ -59,6 +82,12 @@ def test_what_was_found_has_the_digits_of_its_error_and_nothing_is_said_twice():
     assert "pitch 0.0 ± 9.0 (assumed), path rotation" in what_was_found(
         replace(guess, path="rotation")
     )
+
+
+def test_field_of_view_that_the_user_gave_is_called_given():
+    given = camera(46.0, fov="metadata", method="rotation; field of view by --fov 46")
+    assert "field of view 46 degrees (given)" in what_was_found(given)
+    assert "(from metadata)" in what_was_found(replace(given, method="rotation"))
 
 
 def test_camera_of_a_file_that_states_no_errors_is_not_called_measured():
