@@ -25,7 +25,7 @@ from nlens_video.check.judge import (
 )
 from nlens_video.check.measure import Measures, SoundPair
 from nlens_video.check.regions import Track
-from nlens_video.check.verdict import Verdict, write_page
+from nlens_video.check.verdict import Verdict, runs, write_page
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import SourceSettings
@@ -213,6 +213,11 @@ def _notes(objects: list[Track], measures: Measures) -> list[str]:
         notes.append(
             f"frames {shadow.first} to {shadow.last}: {width}x{height} px at {x},{y} are the plate "
             "with less light: taken for the object's shadow"
+        )
+    for first, last in runs(sorted(set[int]().union(*(track.disturbed for track in objects)))):
+        notes.append(
+            f"frames {first} to {last}: something moves in the plate at the object; its jumps, "
+            "gaps and freezes are not judged there"
         )
     if objects and measures.drift.rms_px is None:
         notes.append(

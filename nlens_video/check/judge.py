@@ -119,12 +119,13 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
 
 
 def judge_object(track: Track) -> list[Finding]:
-    """Jumps, flicker and freezes of one object."""
+    """Jumps, flicker and freezes of one object, but for frames on which something passes it."""
     frames = np.array(track.frames, np.int64)
     span = np.arange(frames[0], frames[-1] + 1)
     found = [
         at("pop", gap, 1.0, "the object is missing")
         for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
+        if not _beside(track.disturbed, *gap)
     ]
     # an object of few blocks varies more
     blocks = max(float(np.median(np.array(track.area))), 1.0)
@@ -149,6 +150,8 @@ def judge_object(track: Track) -> list[Finding]:
                 found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
     motion = _on(span, frames, np.array(track.motion))
     for first, last in freezes(np.nan_to_num(motion), _STILL):
+        if _beside(track.disturbed, int(span[first]), int(span[last])):
+            continue
         found.append(
             at(
                 "freeze", (int(span[first]), int(span[last])), float(motion[first]),
@@ -156,6 +159,11 @@ def judge_object(track: Track) -> list[Finding]:
             )
         )  # fmt: skip
     return found
+
+
+def _beside(disturbed: set[int], first: int, last: int) -> bool:
+    """Whether something passes on some frames or on their neighbours."""
+    return not disturbed.isdisjoint(range(first - 1, last + 2))
 
 
 def judge_drift(drift: DriftMeasure) -> list[Finding]:
@@ -178,13 +186,15 @@ def judge_drift(drift: DriftMeasure) -> list[Finding]:
 def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Float64]]:
     """Log of sharpness and coverage on every frame of the span, its bend and standard error.
 
-    Coverage is not judged where the object touches the frame's edge, which crops it.
+    Coverage is not judged where the object touches the frame's edge, which crops it, and neither is
+    where something passes.
     """
     frames = np.array(track.frames, np.int64)
+    clear = np.array([not _beside(track.disturbed, index, index) for index in track.frames])
     sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
-    sharpness = _on(span, frames, np.array(track.sharpness))
+    sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
     log_area = np.log(np.maximum(np.array(track.area), 1e-3))
-    area = _on(span, frames, np.where(np.array(track.whole, bool), log_area, np.nan))
+    area = _on(span, frames, np.where(clear & np.array(track.whole, bool), log_area, np.nan))
     return {
         "sharpness": (
             sharpness,

@@ -28,6 +28,9 @@ _TINT = 0.06  # change of hue by a shadow, which has the sky's light and not the
 _MOST = 0.9  # of the region's blocks [1]
 _CLEARER = 0.6  # misfit of a neighbouring frame of the plate against that of the paired one [1]
 _LEAST_GAIN = 0.3  # least difference of these misfits [level]
+_RESTS = 3.0  # median change of the plate's blocks from frame to frame, by a still camera [level]
+_PASSES = 3.0, 8.0  # times that change, and levels more, of a block in which something moves
+_MOST_PASSING = 0.3  # of the blocks; more is the camera
 
 SOUND_LIMIT_S = 0.04
 """Shift of sound against picture that viewers begin to notice (EBU R37)."""
@@ -86,7 +89,8 @@ class Measures:
         noise = float(np.median(difference))
         self.noise.append(noise)
         tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
-        tracks = self.tracks.follow(pair.result.index, difference, tolerance)
+        passing = _passing(pair)
+        tracks = self.tracks.follow(pair.result.index, difference, tolerance, passing)
         changed: Mask = np.zeros(difference.shape, bool)
         for track in tracks:
             changed |= track.mask
@@ -99,6 +103,17 @@ class Measures:
         for track in tracks:
             _append(track, pair.result, difference, gain, motion)
             track.shadowed.append(_is_shadow(pair, track.mask, tolerance))
+
+
+def _passing(pair: Pair) -> Mask | None:
+    """Blocks in which something moves before a still camera; None where the camera moves."""
+    if pair.before is None:
+        return None
+    change = block_mean(np.abs(pair.plate.luma - pair.before.luma))
+    usual = float(np.median(change))
+    share, more = _PASSES
+    passing = np.asarray(change > share * usual + more, bool)
+    return passing if usual < _RESTS and passing.mean() < _MOST_PASSING else None
 
 
 def _append(

@@ -18,6 +18,8 @@ SECTORS = 8
 _GAP_SHARE = 0.02  # parts nearer to each other than that are one region [frame width]
 _PATIENCE = 3  # frames without its region after which a track ends
 _MOST_TRACKS = 64
+_KEPT = 0.9  # share of its blocks that a region keeps, unless something passes before it
+_PASSES = 50  # frames that what passes may take
 
 
 @dataclass(slots=True)
@@ -37,10 +39,15 @@ class Track:
         shadowed: whether it is the plate with less light.
         worst: largest difference of a block [level].
         box: first column and row, end column and row of all its blocks [block].
+        former: its blocks before something passed before it, else the last ones, (h, w).
+        former_at: index of the frame of these.
+        disturbed: indices of frames on which something moves in the plate at its place.
     """
 
     first: int
     mask: Mask
+    former: Mask
+    former_at: int
     frames: array[int] = field(default_factory=lambda: array("q"))
     area: array[float] = field(default_factory=lambda: array("d"))
     whole: array[int] = field(default_factory=lambda: array("b"))
@@ -50,6 +57,7 @@ class Track:
     shadowed: array[int] = field(default_factory=lambda: array("b"))
     worst: float = 0.0
     box: tuple[int, int, int, int] = (1 << 30, 1 << 30, 0, 0)
+    disturbed: set[int] = field(default_factory=set)
 
     @property
     def last(self) -> int:
@@ -71,26 +79,35 @@ class Track:
             max(x1, int(columns[-1]) + 1), max(y1, int(rows[-1]) + 1),
         )  # fmt: skip
         self.mask = mask
+        whole = index not in self.disturbed and mask.sum() >= _KEPT * self.former.sum()
+        if whole or index - self.former_at > _PASSES:
+            self.former, self.former_at = mask, index
         self.whole.append(not (mask[[0, -1]].any() or mask[:, [0, -1]].any()))
         self.worst = max(self.worst, worst)
         self.frames.append(index)
 
 
 class Tracks:
-    """Links the regions of neighbouring frames that lie on or next to each other."""
+    """Links the regions of neighbouring frames that lie on or next to each other.
+
+    Somebody who crosses before an object splits its region: all parts where it was are of it.
+    """
 
     def __init__(self) -> None:
         self.ended: list[Track] = []
         self.alive: list[Track] = []
         self.crowded = False
 
-    def follow(self, index: int, difference: Float32, tolerance: float) -> list[Track]:
+    def follow(
+        self, index: int, difference: Float32, tolerance: float, passing: Mask | None = None
+    ) -> list[Track]:
         """Add the regions of a frame; returns their tracks.
 
         Args:
             index: of the result's frame.
             difference: of each block from the plate's, (h, w) [level].
             tolerance: difference of a block that encoding alone may make [level].
+            passing: blocks (h, w) in which something moves in the plate; None where none is known.
         """
         oldest = index - _PATIENCE
         self.ended += [one for one in self.alive if one.last < oldest]
@@ -102,6 +119,11 @@ class Tracks:
                 continue
             own = found.get(id(track))
             found[id(track)] = (track, mask if own is None else own[1] | mask)
+        if passing is not None:
+            for track in self.alive:
+                place = _dilated(track.former | track.mask)
+                if np.count_nonzero(place & passing) >= _LEAST_BLOCKS:
+                    track.disturbed.add(index)
         for track, mask in found.values():
             track.add(index, mask, float(difference[mask].max()))
         return [track for track, _ in found.values()]
@@ -114,14 +136,14 @@ class Tracks:
         if len(self.alive) + len(self.ended) >= _MOST_TRACKS:
             self.crowded = True
             return None
-        track = Track(first=index, mask=mask)
+        track = Track(first=index, mask=mask, former=mask, former_at=index)
         self.alive.append(track)
         return track
 
     def _nearest(self, mask: Mask) -> Track | None:
         """The largest track that the region continues."""
         wide = _dilated(mask)
-        near = [one for one in self.alive if (one.mask & wide).any()]
+        near = [one for one in self.alive if ((one.mask | one.former) & wide).any()]
         return max(near, key=lambda one: sum(one.area), default=None)
 
 

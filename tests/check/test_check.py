@@ -309,9 +309,41 @@ def test_complete_result_is_compared_from_its_first_frame(source, tmp_path):
     assert texts(verdict) == [] and not any("--range" in note for note in verdict.notes)
 
 
+def crossing(folder, edit=lambda pictures, plates: None):
+    """Plate and result of a still camera before which somebody crosses, in front of the object."""
+    plates, pictures = [], []
+    for number in range(40):
+        coat = np.zeros((takes.HEIGHT, takes.WIDTH, 1), np.float32)
+        cv2.rectangle(coat, (12 * number - 120, 30), (12 * number - 100, 190), 1.0, -1)
+        coat = cv2.GaussianBlur(coat, (0, 0), 1)[..., None]
+        plate = takes.plate(0)
+        plates.append(0.15 * coat + (1 - coat) * plate)
+        shown = takes.with_object(plate, number / 4)
+        pictures.append(0.15 * coat + (1 - coat) * shown)
+    edit(pictures, plates)
+    source = takes.encode(folder / "in.mp4", plates)
+    return found(takes.encode(folder / "o.mp4", pictures), source)
+
+
+def test_object_that_somebody_crosses_before_is_one_without_findings(tmp_path):
+    verdict = crossing(tmp_path)
+    assert texts(verdict) == [] and verdict.object_frames == 40
+    assert any("something moves in the plate at the object" in one for one in verdict.notes)
+
+
+def test_faults_before_and_after_the_crossing_are_found(tmp_path):
+    def lose(pictures, plates):
+        pictures[4], pictures[35] = plates[4], plates[35]
+
+    said = texts(crossing(tmp_path, lose))
+    assert "frame 4: the object is missing" in said
+    assert "frame 35: the object is missing" in said
+
+
 def test_plate_difference_within_the_stated_tolerance_is_not_a_finding():
     measures = Measures(noise=array("d", [0.1]), pairs=2)
-    track = Track(first=0, mask=np.ones((2, 2), bool))
+    mask = np.ones((2, 2), bool)
+    track = Track(first=0, mask=mask, former=mask, former_at=0)
     for index in range(2):
         track.add(index, np.ones((2, 2), bool), 1.8)
     measures.tracks.alive.append(track)
