@@ -7,15 +7,21 @@ from pathlib import Path
 
 from nlens_video.core.errors import SceneError
 
+_SOLVE = "solve its camera (nlens-video solve IN camera.json) and give that"
 _OTHERS = (
-    (b"glTF", "a binary glTF file", "name it .glb"),
-    (b"#usda", "a USD file", "name it .usda"),
-    (b"PXR-USDC", "a USD file", "name it .usdc"),
-    (b"PK\x03\x04", "a zip archive", "name it .usdz if it is a USD package, else unpack it"),
-    (b"fspy", "a project of fSpy", "export its camera: File, Export, Camera parameters as JSON"),
-    (b"BLENDER", "a Blender file", "export its camera as .glb or .chan"),
+    (0, b"glTF", "a binary glTF file", "name it .glb"),
+    (0, b"#usda", "a USD file", "name it .usda"),
+    (0, b"PXR-USDC", "a USD file", "name it .usdc"),
+    (0, b"PK\x03\x04", "a zip archive", "name it .usdz if it is a USD package, else unpack it"),
+    (0, b"fspy", "a project of fSpy", "export its camera: File, Export, Camera parameters as JSON"),
+    (0, b"BLENDER", "a Blender file", "export its camera as .glb or .chan"),
+    (4, b"ftyp", "a video, no camera file", _SOLVE),  # MP4, MOV
+    (0, b"\x1a\x45\xdf\xa3", "a video, no camera file", _SOLVE),  # Matroska, WebM
+    (8, b"AVI ", "a video, no camera file", _SOLVE),
+    (0, b"\x89PNG", "a picture, no camera file", _SOLVE),
+    (0, b"\xff\xd8\xff", "a picture, no camera file", _SOLVE),  # JPEG
 )
-"""What files of other kinds begin with, what they are, and what to do."""
+"""What files of other kinds hold from a byte on, what they are, and what to do."""
 
 
 def read_text(path: Path, expected: str) -> str:
@@ -40,15 +46,15 @@ def read_text(path: Path, expected: str) -> str:
         ) from error
     if not content.strip():
         raise SceneError(f"{path}: the file is empty; expected {expected}; write it again")
-    for start, kind, remedy in _OTHERS:
-        if content.startswith(start):
+    for place, mark, kind, remedy in _OTHERS:
+        if content.startswith(mark, place):
             raise SceneError(f"{path}: this is {kind}; expected {expected}; {remedy}")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SceneError(
-            f"{path}: not text (byte {error.start} is not UTF-8); expected {expected}; write it "
-            "again"
+            f"{path}: no camera file (byte {error.start} is not UTF-8); expected {expected}; write "
+            "it again"
         ) from error
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
@@ -123,7 +124,9 @@ def check_shot(settings: Settings, info: SourceInfo) -> Scene:
         raise UsageError(no_such_frames(settings.source, info))
     objects = settings.scene
     loaded = load_scene(objects)
-    staged = stage(objects, loaded, view_of(settings, info))
+    view = view_of(settings, info)
+    _check_at_frame(objects, view.solved)
+    staged = stage(objects, loaded, view)
     scene, view = staged.scene, staged.view
     _check_files(objects)
     if objects.footprint is not None:
@@ -131,6 +134,18 @@ def check_shot(settings: Settings, info: SourceInfo) -> Scene:
     if _is_whole(settings, info) and objects.layers is None:
         _check_in_view(objects, scene, view, info)
     return loaded
+
+
+def _check_at_frame(objects: ObjectSettings, camera: SolvedCamera | None) -> None:
+    if camera is None or len(camera.keys) == 1 or not objects.at_frame:
+        return
+    known = [key.index for key in camera.keys]
+    if objects.at_frame not in known:
+        whole = len(known) == known[-1] - known[0] + 1
+        raise UsageError(
+            f"--at-frame {objects.at_frame}: the camera file has no such frame; it has "
+            f"{'frames' if whole else f'{len(known)} of the frames'} {known[0]} to {known[-1]}"
+        )
 
 
 def _check_files(objects: ObjectSettings) -> None:

@@ -51,6 +51,24 @@ def test_half_of_a_file_is_refused(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
+    ("name", "begin", "kind"),
+    [
+        ("in.mp4", b"\0\0\0\x20ftypisom", "a video"),
+        ("in.mov", b"\0\0\0\x14ftypqt  ", "a video"),
+        ("in.mkv", b"\x1a\x45\xdf\xa3", "a video"),
+        ("in.avi", b"RIFF\x10\0\0\0AVI ", "a video"),
+        ("in.png", b"\x89PNG\r\n", "a picture"),
+        ("in.jpg", b"\xff\xd8\xff\xe0", "a picture"),
+    ],
+)
+def test_plate_in_place_of_its_camera_is_told_as_one(tmp_path, name, begin, kind):
+    path = tmp_path / name
+    path.write_bytes(begin + bytes(range(256)))
+    line = refusal(path)
+    assert f"this is {kind}, no camera file" in line and "nlens-video solve IN" in line
+
+
+@pytest.mark.parametrize(
     ("suffix", "other"),
     [(suffix, other) for suffix in FORMATS for other in FORMATS if suffix != other],
 )

@@ -70,6 +70,22 @@ def test_plate_without_a_camera_of_its_own_is_not():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("indices", "has"), [(range(4, 16), "frames 4 to 15"), ([4, 10, 15], "3 of the frames 4 to 15")]
+)
+def test_frame_that_the_camera_lacks_is_told_with_those_that_it_has(tmp_path, capsys, indices, has):
+    shots.write_shot(tmp_path, 30, still=False)
+    shots.cube_glb(tmp_path / "bare.glb", camera=False)
+    (tmp_path / "part.json").write_text(camera(indices).to_json())
+    words = [
+        *(str(tmp_path / name) for name in ("in.mp4", "bare.glb", "out.mp4")), "--camera-from",
+        str(tmp_path / "part.json"), "--at", "0.5,0.8", "--size", "0.2", "--at-frame", "20",
+    ]  # fmt: skip
+    assert main(words) == 2
+    assert f"no such frame; it has {has}" in capsys.readouterr().err
+
+
+@pytest.mark.slow
 @pytest.mark.needs_gl
 def test_run_and_plan_tell_of_the_missing_frames(tmp_path, capsys):
     shots.write_shot(tmp_path, 30, still=False)
