@@ -11,12 +11,13 @@ from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
-from nlens_video.effects.planner import Decision
+from nlens_video.effects.planner import SHADOW, Decision
 from nlens_video.graph.base.profiler import Profiler, Summary
 from nlens_video.graph.executor import FrameState
+from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
-from nlens_video.graph.session import describe
+from nlens_video.graph.session import Session, describe
 from nlens_video.run.checks.plate_checks import PlateChecks, notes_beforehand
 from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
@@ -161,7 +162,7 @@ def render(
                 *source.info.notes,
                 *notes_beforehand(settings, source.info, session),
                 *source.warnings(),
-                *session.notes,
+                *_session_notes(session),
                 *session.device.notes,
                 *sink.notes,
                 *_reconnections(source),
@@ -204,6 +205,14 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         f"colour: matrix {tags.matrix}, transfer {tags.transfer}, primaries {tags.primaries}, "
         f"{'full' if tags.full_range else 'limited'} range{assumed}"
     )
+
+
+def _session_notes(session: Session) -> Iterator[str]:
+    """Its notes, without those on the sun where no shadow is drawn."""
+    casts = any(one.effect == SHADOW and one.wanted for one in session.decisions)
+    lights = () if casts else (one for one in session.nodes if isinstance(one, EstimateLight))
+    of_sun = {note for light in lights for note in light.notes}
+    return (note for note in session.notes if note not in of_sun)
 
 
 def _reconnections(source: Source) -> tuple[str, ...]:
