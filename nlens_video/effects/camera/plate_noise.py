@@ -26,6 +26,8 @@ _KERNEL_SIDE_PX = 400  # of the middle part on which spatial correlation is meas
 _CLIPPED = 3.0 / 255  # nearer to black or white, noise is cut off
 _CUT_OFF = 0.5 / 255  # nearer to black or white, a single picture is cut off
 _CELL_PX, _CELLS = 16, 5  # of the windows in which the light changes alike: cells, along a side
+_TELLING = 0.1  # share of a window's pixels that must count for its mean to tell of the light
+_SAME_LIGHT = 0.25 / 255  # change of a window's mean that adds nothing to the noise
 _FLAT = 1.0 / 255  # deviation of levels below which a window shows no slope
 _MOST_PERSISTENCE = 0.9
 _BLOCK_PX = 12
@@ -110,7 +112,7 @@ def _in_one_light(still: Sequence[Float32], mean: Float32, used: Bool) -> list[F
 
     A change of the light varies slowly over the picture, and in display code it is nearly linear in
     the level. So the least-squares line of change against level, in windows far larger than grain,
-    is the light, and what it leaves is noise.
+    is the light, and what it leaves is noise. A picture in the light of the mean stays as it is.
 
     Args:
         still: the pictures.
@@ -127,6 +129,9 @@ def _in_one_light(still: Sequence[Float32], mean: Float32, used: Bool) -> list[F
     for code in still:
         change = code - mean
         shift = _over_windows(counted * change) / share
+        if np.abs(shift[share > _TELLING]).max(initial=0.0) < _SAME_LIGHT:
+            found.append(code)
+            continue
         slope = (_over_windows(counted_mean * change) / share - level * shift) / spread
         offset = shift - slope * level
         light = cv2.resize(slope, size) * mean + cv2.resize(offset, size)
