@@ -25,7 +25,8 @@ _FEW = np.s_[::2, ::2]  # pixels that tell the deviation
 _KERNEL_SIDE_PX = 400  # of the middle part on which spatial correlation is measured
 _CLIPPED = 3.0 / 255  # nearer to black or white, noise is cut off
 _CUT_OFF = 0.5 / 255  # nearer to black or white, a single picture is cut off
-_CELL_PX, _CELLS = 16, 5  # of the windows in which the light changes alike: cells, along a side
+_CELL_PX, _CELLS = 8, 5  # of the windows in which the light changes alike: side of a cell [px of
+# every second column and row], cells along a side
 _TELLING = 0.1  # share of a window's pixels that must count for its mean to tell of the light
 _SAME_LIGHT = 0.25 / 255  # change of a window's mean that adds nothing to the noise
 _FLAT = 1.0 / 255  # deviation of levels below which a window shows no slope
@@ -119,15 +120,16 @@ def _in_one_light(still: Sequence[Float32], mean: Float32, used: Bool) -> list[F
         mean: of all.
         used: pixels (H, W) that count.
     """
-    counted = np.repeat(used[..., None], 3, axis=2).astype(np.float32)
+    counted = np.repeat(used[_FEW][..., None], 3, axis=2).astype(np.float32)
     share = np.maximum(_over_windows(counted), np.float32(1e-6))
-    counted_mean = counted * mean
+    few_mean = np.ascontiguousarray(mean[_FEW])
+    counted_mean = counted * few_mean
     level = _over_windows(counted_mean) / share
-    spread = _over_windows(counted_mean * mean) / share - level * level + np.float32(_FLAT**2)
+    spread = _over_windows(counted_mean * few_mean) / share - level * level + np.float32(_FLAT**2)
     size = mean.shape[1], mean.shape[0]
     found = []
     for code in still:
-        change = code - mean
+        change = code[_FEW] - few_mean
         shift = _over_windows(counted * change) / share
         if np.abs(shift[share > _TELLING]).max(initial=0.0) < _SAME_LIGHT:
             found.append(code)
