@@ -156,7 +156,7 @@ def _values(solved: SolvedCamera) -> str:
     reprojected = solved.reprojection_px
     rows = [
         ("Field of view", f"{first.fov_x_deg:.1f} {_PLUS_MINUS} {errors.fov_deg:.1f} degrees",
-         "from metadata or given" if solved.fov == "metadata" else solved.fov),
+         solved.fov_source),
         ("Pitch", f"{first.pitch_deg:.1f} {_PLUS_MINUS} {errors.pitch_deg:.1f} degrees",
          solved.horizon),
         ("Roll", f"{first.roll_deg:.1f} {_PLUS_MINUS} {errors.roll_deg:.1f} degrees",

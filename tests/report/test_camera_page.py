@@ -40,7 +40,7 @@ def findings(frames=6, *, tracked=True, lines=True, **more):
     rng = np.random.default_rng(1)
     solved = SolvedCamera(
         width=640, height=360, keys=tuple(key(n) for n in range(frames)), path="moving",
-        method="structure <from> motion", reprojection_px=0.41, **more,
+        **{"method": "structure <from> motion", "reprojection_px": 0.41, **more},
     )  # fmt: skip
     count = 40 if tracked else 0
     spots = np.tile(rng.uniform(20, 340, (count, 2)), (frames, 1))
@@ -61,6 +61,15 @@ def findings(frames=6, *, tracked=True, lines=True, **more):
 
 
 SURE = {"fov": "measured", "horizon": "measured", "errors": CameraErrors(pitch_deg=0.5)}
+
+
+@pytest.mark.parametrize(
+    ("method", "source"),
+    [("straight lines; field of view by --fov 50", "given"), ("straight lines", "from metadata")],
+)
+def test_page_tells_a_given_field_of_view_from_that_of_metadata(method, source):
+    text = camera_page(findings(**{**SURE, "fov": "metadata", "method": method}))
+    assert f"<td>{source}</td>" in text
 
 
 def test_page_shows_values_with_their_source_and_error():
