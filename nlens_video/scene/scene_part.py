@@ -143,6 +143,8 @@ def far_origin(
     """
     end_s = max(part.animation.duration_s for part in parts)
     points = np.concatenate([hull(share * end_s) for share in (0.0, 0.5, 1.0)])
+    if not len(points):  # skins whose joints carry nothing
+        return None, ()
     low, high = points.min(axis=0), points.max(axis=0)
     extent, middle = float((high - low).max()), 0.5 * (low + high)
     away = float(np.abs(middle).max())

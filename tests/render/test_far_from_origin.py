@@ -114,6 +114,14 @@ def test_ordinary_coordinates_are_left_as_they_are(tmp_path, place):
     assert posed.vertices().dtype == np.float32
 
 
+def test_skin_whose_joints_carry_nothing_has_no_origin(tmp_path):
+    builder = GlbBuilder()
+    joints, weights = np.zeros((4, 4), np.uint8), np.zeros((4, 4), np.float32)
+    mesh = builder.mesh(JOINTS_0=joints, WEIGHTS_0=weights, NORMAL=NORMALS)
+    builder.node(mesh=mesh, skin=builder.skin([builder.node()], [np.eye(4)]))
+    assert Scene.load(builder.write(tmp_path / "a.glb")).pose(0.0).origin is None
+
+
 def test_object_without_extent_is_left_as_it_is(tmp_path):
     builder = GlbBuilder()
     card = quad(builder, 0.0 * QUAD, unlit(builder))
