@@ -217,27 +217,27 @@ async def _tables(request: Request) -> dict[str, Any]:
             body += part
     if count > _MOST_BYTES:
         raise NlensError("the shot is too large")
-    tables = _said(body)
+    tables = _parsed(body)
     if not isinstance(tables, dict):
         raise NlensError("expected the shot's tables as JSON")
     return tables
 
 
-def _said(text: str | bytes) -> Any:  # noqa: ANN401  whatever JSON holds
+def _parsed(text: str | bytes) -> Any:  # noqa: ANN401  as json.loads declares it
     """The content of JSON; None where it is none, or holds what no file of text can."""
     try:
-        said = json.loads(text)
-        json.dumps(said, ensure_ascii=False).encode()  # half a surrogate pair is no text
+        content = json.loads(text)
+        json.dumps(content, ensure_ascii=False).encode()  # half a surrogate pair is no text
     except (ValueError, RecursionError):
         return None
-    return said
+    return content
 
 
 def _wish(text: str) -> Wish | None:
     """A message as a wish, None where it is none."""
     if len(text) > _MOST_BYTES:
         return None
-    said = _said(text)
+    said = _parsed(text)
     try:
         number, frame, kind = int(said["number"]), int(said["frame"]), said["kind"]
         tables = said["tables"]

@@ -153,7 +153,7 @@ class Previews:
             return Answer({**said, "error": "out of memory; give a smaller plate or object"})
         except (Stopped, Superseded):
             raise
-        except Exception as error:  # noqa: BLE001 - else the page waits forever; the trace is shown
+        except Exception as error:  # noqa: BLE001 - told to the page, which would wait for ever
             traceback.print_exc(file=standard_error())
             with suppress(Exception):  # what is half made may not close either
                 self._stage.forget()

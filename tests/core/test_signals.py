@@ -50,7 +50,9 @@ try:
 except KeyboardInterrupt:
     print("interrupted")
 """
-pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no SIGALRM on Windows")
+pytestmark = pytest.mark.skipif(
+    not hasattr(signal, "SIGALRM"), reason="interrupts are delayed by SIGALRM, which Windows lacks"
+)
 
 
 def told(code):

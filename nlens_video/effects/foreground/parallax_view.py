@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Picture
-from nlens_video.effects.foreground.background import BackgroundModel, sqrt_light
+from nlens_video.effects.foreground.background import BackgroundModel
 from nlens_video.effects.foreground.background_depth import BackgroundDepth
 from nlens_video.effects.foreground.reference_view import PixelMap
 from nlens_video.effects.foreground.rotation_view import (
@@ -21,6 +21,7 @@ from nlens_video.effects.foreground.rotation_view import (
     RotationView,
     bounding_box,
     warp,
+    warp_picture,
 )
 from nlens_video.scene.camera import Camera
 
@@ -83,12 +84,7 @@ class ParallaxView:
         """See `ReferenceView`."""
         pixels = self._registration_map(camera, box)
         columns, rows = self._rotation_at(camera).project_to_frame(pixels, camera)
-        frame = Box(0, 0, *self.rotation.frame_size)
-        source = bounding_box(columns, rows).expanded(2).intersection(frame)
-        if source.empty:
-            return np.full((*box.shape, 3), np.nan, np.float32)
-        shifted = columns - np.float32(source.x0), rows - np.float32(source.y0)
-        return warp(sqrt_light(picture.linear(source)), shifted)
+        return warp_picture(picture, (columns, rows), self.rotation.frame_size)
 
     def box_in_reference(self, box: Box, camera: Camera) -> Box:
         """See `ReferenceView`."""

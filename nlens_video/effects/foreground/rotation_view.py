@@ -112,12 +112,7 @@ class RotationView:
     def register_box(self, picture: Picture, camera: Camera, box: Box) -> Float32:
         """See `ReferenceView`."""
         columns, rows = self._map_to_frame(self.camera, camera, box)
-        frame = Box(0, 0, *self.frame_size)
-        source = bounding_box(columns, rows).expanded(2).intersection(frame)
-        if source.empty:
-            return np.full((*box.shape, 3), np.nan, np.float32)
-        shifted = columns - np.float32(source.x0), rows - np.float32(source.y0)
-        return warp(sqrt_light(picture.linear(source)), shifted)
+        return warp_picture(picture, (columns, rows), self.frame_size)
 
     def box_in_reference(self, box: Box, camera: Camera) -> Box:
         """See `ReferenceView`."""
@@ -252,6 +247,22 @@ def warp(values: Float32, pixels: PixelMap) -> Float32:
     found = np.maximum(found, np.float32(0.0))
     found[~known] = np.nan
     return np.asarray(found, np.float32)
+
+
+def warp_picture(picture: Picture, pixels: PixelMap, size: tuple[int, int]) -> Float32:
+    """Square root of a picture's light at mapped pixels (h, w, 3) [1], NaN beyond the picture.
+
+    Args:
+        picture: of `size`; only the part that the mapped pixels reach is read.
+        pixels: columns and rows in it (h, w) [px].
+        size: columns and rows of the picture [px].
+    """
+    columns, rows = pixels
+    source = bounding_box(columns, rows).expanded(2).intersection(Box(0, 0, *size))
+    if source.empty:
+        return np.full((*columns.shape, 3), np.nan, np.float32)
+    shifted = columns - np.float32(source.x0), rows - np.float32(source.y0)
+    return warp(sqrt_light(picture.linear(source)), shifted)
 
 
 def bounding_box(columns: Float32, rows: Float32) -> Box:
