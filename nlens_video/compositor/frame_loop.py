@@ -130,7 +130,7 @@ class FrameLoop:
                 solved = read_camera(file, size, rate, pixel_aspect=pixel_aspect)
             view = View(
                 width=size[0], height=size[1], pixel_aspect=pixel_aspect,
-                camera=self.objects.camera, solved=solved,
+                camera=self.objects.camera, solved=solved, frame_s=1.0 / self.fps,
             )  # fmt: skip
             self._session = open_session(
                 self.objects, self.lens, view, self.profiler, PlatePreview(lambda: (picture,))

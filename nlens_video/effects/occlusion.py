@@ -23,6 +23,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.occlusion_cues import MovingMatte
 from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.kernels.depth_layers import inpaint
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.stages.composite import Foreground, ForegroundMatte
 from nlens_video.stages.l_reblur import ScatterKernel
 
@@ -31,7 +32,6 @@ NEARER = 0.02
 """Share of the object's distance by which a depth must be nearer: the ground that it stands on is
 as far as its feet [1]."""
 _PURE = 1e-3  # a share this near to 0 or 1 is one of the two alone
-_REACH_LIMIT_PX = 256  # no kernel spreads farther
 _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _SMOOTHEST = 1e-4  # variance of display codes below which a picture has no edge
 _LEFT_BEYOND, _FULL = 0.45, 0.95
@@ -185,7 +185,7 @@ class CoverageFromDepth:
         if region.empty or not near.any():
             return out
         largest = float(np.abs(coc_px[near]).max()) * max(1.0, self.pixel_aspect)
-        reach = math.ceil(min(0.5 * largest, _REACH_LIMIT_PX)) + 4
+        reach = math.ceil(min(0.5 * largest, furthest_reach(self.pixel_aspect))) + 4
         frame = Box(0, 0, near.shape[1], near.shape[0])
         wide = region.expanded(reach)
         inside = wide.intersection(frame)

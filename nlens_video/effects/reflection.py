@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nlens_video.core.layers import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.render.base.box_renderer import BoxRenderer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
@@ -54,12 +55,10 @@ class RenderReflection:
     Attributes:
         renderer: of the object.
         reflectance: of the ground at normal incidence, 0 to 1 [1].
-        margin_limit_px: limit of the margin beyond the frame [px].
     """
 
     renderer: BoxRenderer
     reflectance: float
-    margin_limit_px: int = 256
 
     def __call__(
         self, time_s: float, camera: Camera, ground_y: float, reach_px: float,
@@ -79,7 +78,7 @@ class RenderReflection:
         """
         if camera.world_from_camera[1, 3] <= ground_y:
             return None
-        margin = math.ceil(min(reach_px, self.margin_limit_px)) + 1
+        margin = math.ceil(min(reach_px, furthest_reach(camera.fy / camera.fx))) + 1
         mirrored = mirrored_camera(camera, ground_y)
         seen = self.renderer.render(time_s, mirrored, margin, plate_light=plate_light)
         if seen is None:

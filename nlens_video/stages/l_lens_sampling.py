@@ -18,6 +18,7 @@ import numpy as np
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture
+from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.kernels.scatter.subaperture_gather import (
     LARGEST_RADIUS_PX,
@@ -36,7 +37,6 @@ NEGLIGIBLE_PARALLAX_PX = 0.5  # up to which the whole aperture is scattered at o
 WHOLE_PARALLAX_PX = 1.5  # from which views alone count [px]
 FEWEST_VIEWS, MOST_VIEWS = 8, 256
 _DB_OF_ONE_VIEW = 35.5  # measured, see `view_count`
-_LARGEST_MARGIN_PX = 256
 
 Reblur = Callable[[DefocusedLayer, Box], BlurredLayer]
 
@@ -278,7 +278,7 @@ class SampleLens:
         points = lens_points(self.count, self.aperture)
         tall = max(1.0, setup.camera.fy / setup.camera.fx)
         reach = 0.5 * defocused.largest_coc_px * float(points.radii.max()) * tall
-        margin = math.ceil(min(reach, _LARGEST_MARGIN_PX)) + 1 + max(0, -setup.frame.x0)
+        margin = math.ceil(min(reach, furthest_reach(tall))) + 1 + max(0, -setup.frame.x0)
         return lens_views(
             self.renderer, setup, points, cell=self.cell, margin=margin, aperture=self.aperture
         )

@@ -52,6 +52,16 @@ def test_result_has_the_frames_form_and_the_frame_is_not_modified(lens):
     assert 0.005 < changed.mean() < 0.3
 
 
+def test_what_is_far_off_half_way_of_a_frame_leaves_the_streak_that_it_has_in_view(tmp_path):
+    glb = shots.cube_glb(
+        tmp_path / "dash.glb", start=(-6.0, 0.0, -1.6), end=(0.0, 0.0, -1.6), seconds=0.02
+    )
+    options = {"preset": "standard", "effects": "motion-blur", "shutter_angle": 360.0}
+    with Compositor(glb, fit=FIT, fps=25, **options) as lens:
+        first = lens.process(bgr())
+    assert (first != bgr()).any(axis=2).mean() > 0.01
+
+
 @pytest.mark.parametrize("form", ["new", "the frame", "every other column"])
 def test_result_is_written_into_the_array_that_is_given(lens, glb, form):
     frame = bgr()
