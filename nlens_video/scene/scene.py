@@ -54,7 +54,7 @@ class Scene:
     _moved: Callable[[_Moments], tuple[Moved, ...]] = field(init=False)
     _hull: Callable[[_Moments], Float64] = field(init=False)
     _posed: Callable[[_Moments], _Posed] = field(init=False)
-    _far: Callable[[], tuple[Float64 | None, tuple[str, ...]]] = field(init=False)
+    _origin: Callable[[], Float64 | None] = field(init=False)
     _resting: dict[tuple[int, int, str | None, float], Camera] = field(
         init=False, default_factory=dict
     )  # the last camera, kept where it does not move
@@ -63,7 +63,7 @@ class Scene:
         self._moved = lru_cache(_MOMENTS)(self._move)
         self._hull = lru_cache(_MOMENTS)(self._find_hull)
         self._posed = lru_cache(_MOMENTS)(self._pose)
-        self._far = lru_cache(1)(lambda: far_origin(self.parts, self.hull))
+        self._origin = lru_cache(1)(lambda: far_origin(self.parts, self.hull))
 
     @classmethod
     def load(cls, path: Path, playback: Playback = ONCE, scene: str | None = None) -> Scene:
@@ -149,7 +149,7 @@ class Scene:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the file has that is not drawn or does not fit, one line each."""
-        return (*self._warnings, *self._far()[1])
+        return tuple(self._warnings)
 
     @property
     def camera_names(self) -> tuple[str, ...]:
@@ -172,7 +172,7 @@ class Scene:
             SceneError: no such node carries a mesh.
         """
         parts: list[Float64] = []
-        origin, _ = self._far()
+        origin = self._origin()
         for part, moved in zip(self.parts, self._moved(self._moments(time_s)), strict=True):
             carried = None if node is None else part.carried_by(node)
             for instance, mesh in zip(part.instances, part.meshes(moved, origin), strict=True):
@@ -216,11 +216,11 @@ class Scene:
 
         Before the first key of an animation they rest, and after its last unless it loops.
         """
-        return PosedScene(time_s, *self._posed(self._moments(time_s)), self._far()[0])
+        return PosedScene(time_s, *self._posed(self._moments(time_s)), self._origin())
 
     def _pose(self, moments: _Moments) -> _Posed:
         standing = list(zip(self.parts, moments, self._moved(moments), strict=True))
-        origin, _ = self._far()
+        origin = self._origin()
         meshes = tuple(mesh for part, _, moved in standing for mesh in part.meshes(moved, origin))
         lights = (part.posed_lights(moment, moved) for part, moment, moved in standing)
         return meshes, tuple(chain.from_iterable(lights))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import Note, NoteKind, SceneError
+from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import Playback
 from nlens_video.scene.gltf.animations import Animation
@@ -22,9 +22,9 @@ from nlens_video.scene.posed import Hull, Instance, PosedMesh
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
-# Distances from the world's origin, in extents of a scene, from which on float32 holds positions
-# badly: to 1e-5 of the extent, and so badly that shadows may tremble.
-_FAR, _VERY_FAR = 256.0, 4096.0
+# Distance from the world's origin, in extents of a scene, from which on float32 holds positions
+# badly: to 1e-5 of the extent.
+_FAR = 256.0
 Moment = tuple[float, float]
 """Moments of a part's animation and of its motion as a whole [s]; equal ones show the same."""
 Moved = tuple[Float64, dict[int, Float64]]
@@ -132,10 +132,8 @@ class ScenePart:
         return (name for name in names if name)
 
 
-def far_origin(
-    parts: Sequence[ScenePart], hull: Callable[[float], Float64]
-) -> tuple[Float64 | None, tuple[str, ...]]:
-    """The `origin` of a `PosedScene`, the same at all times, and notes for the user.
+def far_origin(parts: Sequence[ScenePart], hull: Callable[[float], Float64]) -> Float64 | None:
+    """The `origin` of a `PosedScene`, the same at all times.
 
     Args:
         parts: of the scene.
@@ -144,21 +142,13 @@ def far_origin(
     end_s = max(part.animation.duration_s for part in parts)
     points = np.concatenate([hull(share * end_s) for share in (0.0, 0.5, 1.0)])
     if not len(points):  # skins whose joints carry nothing
-        return None, ()
+        return None
     low, high = points.min(axis=0), points.max(axis=0)
     extent, middle = float((high - low).max()), 0.5 * (low + high)
-    away = float(np.abs(middle).max())
-    if not away > _FAR * extent > 0.0:
-        return None, ()
+    if not float(np.abs(middle).max()) > _FAR * extent > 0.0:
+        return None
     # a float32: what the file holds as such differs from it exactly
-    origin = middle.astype(np.float32).astype(np.float64)
-    if away <= _VERY_FAR * extent:
-        return origin, ()
-    line = (
-        f"coordinates of {away:.0f} units: the object is drawn where it is, its shadow only to "
-        f"within {np.spacing(np.float32(away)):.1g} units; move the scene nearer to its origin"
-    )
-    return origin, (Note(line, NoteKind.UNCERTAIN),)
+    return np.asarray(middle.astype(np.float32).astype(np.float64))
 
 
 def _scaled(light: Light, scale: float) -> Light:

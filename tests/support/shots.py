@@ -119,11 +119,12 @@ def cube_glb(
     camera=True,
     sun=True,
     sun_lx=2.0,
+    origin=None,
     **named,
 ):
     """A cube on the ground that slides from `start` to `end`, a camera and a sun.
 
-    `named` are further fields of its node.
+    `named` are further fields of its node. `origin` moves all of it to another place of the world.
     """
     builder = GlbBuilder()
     paint = builder.add(
@@ -140,6 +141,10 @@ def cube_glb(
         builder.node(camera=lens, matrix=camera_pose().T.ravel().tolist())
     if sun:
         builder.light(intensity=sun_lx, node={"rotation": [-0.5, 0.2, 0.0, 0.84]})
+    if origin is not None:
+        everything = builder.document["scenes"][0]["nodes"]
+        builder.document["scenes"][0]["nodes"] = []
+        builder.node(translation=list(origin), children=everything)
     return builder.write(path)
 
 

@@ -97,7 +97,10 @@ class ShadowNode(Node):
         )
         self._caster_cache = CasterCache()
         # a layer's own colours are not those of the GLB that casts its shadow
-        self._patches = None if self._scene.pre_rendered else Patches.of(self._scene.pose(0.0))
+        first = self._scene.pose(0.0)
+        self._patches = None if self._scene.pre_rendered else Patches.of(first)
+        # far from the world's origin float32 would let the shadow tremble
+        self._origin = first.origin
         self._last: tuple[tuple[object, ...], Shadow | None] | None = None
         self.description = (
             f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
@@ -112,7 +115,8 @@ class ShadowNode(Node):
         motion: Motion | None,
         plate_depth: DepthMap | None,
     ) -> Shadow | None:
-        pose = self._scene.pose(bounds.time_s)
+        pose = self._scene.pose(bounds.time_s).about_origin()
+        bounds = replace(bounds, camera=bounds.camera.about(self._origin))
         light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         moments = self._moments(bounds, fit, motion, light)
         given = (moments, light, fit, plate_depth)
@@ -138,7 +142,7 @@ class ShadowNode(Node):
         self, moments: tuple[Moment, ...], light: Illumination, fit: LensFit | None,
         plate_depth: DepthMap | None, pose: PosedScene,
     ) -> Shadow | None:  # fmt: skip
-        height = self._context.ground_height
+        height = self._height
         patches = None if self._patches is None else self._patches.at(pose)
         shadow = self._cast(moments, light, height, fit, patches)
         if plate_depth is None:
@@ -148,7 +152,7 @@ class ShadowNode(Node):
     def _sunlight(self, light: Illumination, camera: Camera, pose: PosedScene) -> Sunlight | None:
         """The sun that what moves may hide from the ground; None where none is known."""
         sun = self._scene.light.known_sun(light, camera, pose.lights)
-        contact = contact_point(pose.vertices(), self._context.ground_height)
+        contact = contact_point(pose.vertices(), self._height)
         return None if light.ambient is None else Sunlight.known(sun, light, light, contact)
 
     def _moments(
@@ -162,7 +166,7 @@ class ShadowNode(Node):
         still = (self._seen(bounds.time_s, bounds),)
         if motion is None:
             return still
-        height = self._context.ground_height
+        height = self._height
         shutter = self._context.objects.shutter_at(self._context.shutter, bounds.time_s)
         edges = [self._seen(time_s, bounds) for time_s in shutter.edges(bounds.time_s)]
         places = shadow_places(edges, light.lamps, height)
@@ -174,9 +178,16 @@ class ShadowNode(Node):
         return tuple(self._seen(time_s, bounds) for time_s in times)
 
     def _seen(self, time_s: float, bounds: ScreenBounds) -> Moment:
-        own = time_s == bounds.time_s
-        camera = bounds.camera if own else self._context.objects.camera(time_s)
-        return Moment(Casters.of(self._scene.pose(time_s), self._caster_cache), camera)
+        camera = bounds.camera
+        if time_s != bounds.time_s:
+            camera = self._context.objects.camera(time_s).about(self._origin)
+        pose = self._scene.pose(time_s).about_origin()
+        return Moment(Casters.of(pose, self._caster_cache), camera)
+
+    @property
+    def _height(self) -> float:
+        """Of the ground above the scene's origin [scene unit]."""
+        return self._context.ground_height - (0.0 if self._origin is None else self._origin[1])
 
 
 def _bounds(places: Float64) -> Box:
