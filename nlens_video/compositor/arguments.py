@@ -11,7 +11,10 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
+
+import numpy as np
 
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.known_lens import UNKNOWN_LENS
@@ -34,15 +37,24 @@ _OF_THE_OBJECT = ("scene", "playback", "placing", "light", "real")
 """Settings that `ObjectSettings` hold."""
 
 
-def check_settings(fps: float, pixel_aspect: float, track_focus: str | None) -> None:
-    """Check what no option of the command line checks.
+def as_positive(name: str, value: object) -> float:
+    """A number of any type, such as PyAV's `Fraction` or a scalar of NumPy.
 
     Raises:
-        UsageError: a value out of its range.
+        UsageError: it is none, or not finite, or not above 0.
     """
-    for name, value in (("fps", fps), ("pixel_aspect", pixel_aspect)):
-        if not isinstance(value, int | float) or not 0.0 < value < math.inf:
-            raise UsageError(f"{name}={value!r}: expected a finite number above 0")
+    number = float(value) if isinstance(value, Real) else math.nan
+    if not 0.0 < number < math.inf:
+        raise UsageError(f"{name}={value!r}: expected a finite number above 0")
+    return number
+
+
+def check_track_focus(track_focus: str | None) -> None:
+    """Check the one option of the command line whose values a `Compositor` takes in part.
+
+    Raises:
+        UsageError: a file.
+    """
     if track_focus not in (None, "auto", "off"):
         raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
 
@@ -191,7 +203,7 @@ def _read(name: str, option: Option, value: object) -> object:
     if isinstance(value, bytes):  # a sequence of numbers, too
         raise _wrong_type(name, "text or numbers", value)
     text = str(value)
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
         text = ",".join(str(one) for one in value)
     if option.choices is not None and text not in option.choices:
         raise UsageError(f"{name}={value!r}: expected one of {', '.join(option.choices)}")

@@ -16,8 +16,9 @@ from nlens_video.compositor.arguments import (
     as_lens,
     as_objects,
     as_path,
+    as_positive,
     as_time,
-    check_settings,
+    check_track_focus,
     in_python,
     naming_parameters,
 )
@@ -159,7 +160,8 @@ class Compositor:
     ) -> None:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
-            check_settings(fps, pixel_aspect, track_focus)
+            fps, pixel_aspect = as_positive("fps", fps), as_positive("pixel_aspect", pixel_aspect)
+            check_track_focus(track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
             request = as_lens(args, fps=fps, fit=fit, aperture=aperture, optics=optics)
             objects, profiler = as_objects(glb, args), Profiler(args.budget_ms)

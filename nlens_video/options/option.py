@@ -30,7 +30,7 @@ class Option:
         repeats: whether it may be given more than once: its value is then a list.
         dest: the attribute of the parsed arguments, where it is not the first name.
         feeds: the setting that it becomes, such as `source.input_rate`; see `to_settings`.
-        parameter: whether a `Compositor` takes it, under the name of the attribute.
+        parameter: whether a `Compositor` takes it.
         often: whether the short help shows it.
         one_of: name of a set of options of which one may be given.
         files: what its value names, if files.

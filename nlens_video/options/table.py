@@ -15,4 +15,4 @@ OPTIONS: dict[str, tuple[Option, ...]] = {**COMMAND_OPTIONS, **OBJECT_OPTIONS, *
 """By the title of their group in the help."""
 ROWS = tuple(option for group in OPTIONS.values() for option in group)
 PARAMETERS = {option.attribute: option for option in ROWS if option.parameter}
-"""Options that a `Compositor` takes, by the name of the parameter."""
+"""Options that a `Compositor` takes, by the attribute of the parsed arguments."""

@@ -4,6 +4,7 @@ import inspect
 import re
 import subprocess
 import sys
+from fractions import Fraction
 from pydoc import locate
 
 import numpy as np
@@ -145,6 +146,19 @@ def test_errors_name_parameters_instead_of_command_line_flags(bare, options, wor
 def test_argument_of_another_type_is_named(bare, name, value):
     with pytest.raises(UsageError, match=f"^{name} takes .*, not {type(value).__name__}$"):
         Compositor(**{"glb": bare, name: value})
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("one", [Fraction, np.float32, np.int64])
+def test_numbers_of_pyav_and_numpy_are_numbers(bare, one):
+    """A stream's rate is a `Fraction`; a place that was found in a picture is an array."""
+    own = {"fps": one(25), "pixel_aspect": one(1), "at": np.array([0.5, 0.75]), "size": one(1)}
+    plain = {"fps": 25, "at": (0.5, 0.75), "size": 1}
+    pictures = []
+    for given in (own, plain):
+        with Compositor(bare, preset="draft", fit=FIT, **given) as lens:
+            pictures.append(lens.process(bgr(), time=0.1))
+    assert np.array_equal(*pictures)
 
 
 def test_another_object_of_no_path_is_refused_when_it_is_given(bare):
