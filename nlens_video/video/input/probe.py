@@ -18,6 +18,8 @@ from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
 _RATE_TOLERANCE = Fraction(1, 1000)
+_TS_DISCONT = 0x0200
+"""FFmpeg's flag of formats whose clock may leap: MPEG-TS, MPEG program streams, HLS, Ogg."""
 
 
 def describe(
@@ -53,7 +55,9 @@ def describe(
         rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
         average_rate=rate or None, steady=_is_steady(stream),
         frame_count=1 if kind == "still" else count,
-        duration_s=duration, pixel_format=first.format.name, tags=tags,
+        duration_s=duration, start_s=(first.pts or 0) * Fraction(first.time_base or 0),
+        clocked=kind == "stream" or bool(container.format.flags & _TS_DISCONT),
+        pixel_format=first.format.name, tags=tags,
         frame_tags=FrameTags(
             colorspace=first.colorspace, color_range=first.color_range,
             color_primaries=first.color_primaries, color_trc=first.color_trc,
@@ -107,7 +111,15 @@ def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
     return CopiedStream(
         index=stream.index, type=stream.type, codec="" if context is None else context.name,
         stream=stream, cover=covers.get(stream.index, b""),
+        start_s=_start(stream) if stream.type == "audio" else None,
     )  # fmt: skip
+
+
+def _start(stream: Stream) -> Fraction | None:
+    """Time of a stream's first packet by the header [s], None where it is unknown."""
+    if stream.start_time is None or stream.time_base is None:
+        return None
+    return stream.start_time * Fraction(stream.time_base)
 
 
 def _untagged(

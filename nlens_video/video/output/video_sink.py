@@ -34,6 +34,7 @@ from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
+from nlens_video.video.times.start import Start
 
 _PLAYABLE = {
     "flush_packets": "1",
@@ -71,7 +72,8 @@ class VideoSink(Sink):
             name, default = self._container.format.name, self._container.default_video_codec
             Muxer(name, default).check_video(spec)
             self._turns = bool(info.rotation) and not holds_rotation(name)
-            self._info = info = upright(info) if self._turns else info
+            self._start = start = Start.of(info, name)
+            self._info = info = start.info(upright(info) if self._turns else info)
             self.encoding = choose_encoding(
                 info, partial(holds_video, name), name, default=default,
                 codec=codec, crf=crf, pix_fmt=pix_fmt,
@@ -84,7 +86,8 @@ class VideoSink(Sink):
         turned = (f"the pictures are turned upright: {name} has no place for their rotation",)
         self._says_shape = bool(self._path and info.uneven_aspect and name in HEADERS)
         self._notes = (
-            *self.encoding.reasons, *self._carried.notes, *(turned if self._turns else ()),
+            *self.encoding.reasons, *self._carried.notes, *start.notes,
+            *(turned if self._turns else ()),
             *self._lost_aspect(said=self._says_shape), *rescued,
         )  # fmt: skip
 
@@ -114,7 +117,7 @@ class VideoSink(Sink):
         """
         stored = upright_frame if self._turns else picture_frame
         encoded = stored(frame.picture, self.encoding.pixel_format)
-        self._clock.stamp(encoded, frame)
+        self._clock.stamp(encoded, self._start.frame(frame))
         self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
         with self._writing():
@@ -133,6 +136,7 @@ class VideoSink(Sink):
         with self._writing():
             if self._open:
                 self._carried.begin()
+                self._start.shift(packet)
                 self._carried.write(packet)
         signals.check()
 
@@ -226,7 +230,7 @@ class VideoSink(Sink):
             self._direct = StreamOutput(self._spec)
             return self._direct.container
         options = {}
-        if self._path.suffix in (".mkv", ".webm", ".mka"):
+        if self._path.suffix.lower() in (".mkv", ".webm", ".mka", ".avi"):
             # Audio that starts before zero must not push the pictures off their own times.
             options["avoid_negative_ts"] = "disabled"
         if self._keep:
