@@ -35,9 +35,9 @@ def test_pipeline_with_every_node_keeps_all_planned_effects():
 @pytest.mark.parametrize(
     ("scene", "effect", "wanted", "reason"),
     [
-        (ShotFacts(), "reflection", False, "--reflect makes it so"),
-        (ShotFacts(reflectance=0.2), "reflection", True, "mirrors 0.2"),
-        (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
+        (ShotFacts(), "reflection", False, "give --ground-reflectance"),
+        (ShotFacts(reflectance=0.2), "reflection", True, "0.2 at normal incidence"),
+        (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "from below"),
         (ShotFacts(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
         (ShotFacts(occlusion=Finding("m.png", wanted=True)), "occlusion", True, "m.png"),
         (ShotFacts(occlusion=Finding("the camera moves")), "occlusion", False, "camera moves"),
