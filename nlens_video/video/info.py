@@ -28,6 +28,14 @@ class FrameTags:
     color_primaries: int = 2
     color_trc: int = 2
 
+    @classmethod
+    def of(cls, frame: av.VideoFrame) -> FrameTags:
+        """Those of a frame."""
+        return cls(
+            colorspace=frame.colorspace, color_range=frame.color_range,
+            color_primaries=frame.color_primaries, color_trc=frame.color_trc,
+        )  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CopiedStream:

@@ -49,6 +49,11 @@ class StillSink(Sink):
         if self._codec != "exr":
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
+        kind = layout(working_format(self._format))
+        yuv = kind is not None and kind.family == "yuv" and not kind.full_range
+        self._limited = yuv and info.tags.matrix != "gbr" and info.tags.full_range
+        if self._limited:
+            self._notes += (f"full range becomes limited: {self._path.suffix} is read as limited",)
         self._notes += lost_aspect(info, self._path.suffix.lower())
         self._notes += remove_stale(self._path)
         self._folder = partial_name(self._path)
@@ -114,7 +119,7 @@ class StillSink(Sink):
                 pixels = turned(pixels, self._info.rotation)
             pixels = converted(pixels, self._format)
         else:
-            pixels = picture_frame(frame.picture, self._format)
+            pixels = picture_frame(frame.picture, self._format, limited=self._limited)
         context = av.CodecContext.create(self._codec, "w")
         assert isinstance(context, VideoCodecContext)
         context.width, context.height, context.pix_fmt = pixels.width, pixels.height, self._format
