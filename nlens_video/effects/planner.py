@@ -22,6 +22,7 @@ EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE
 Base = Literal["auto", "all", "none"]
 GIVE = "give --holdout PATH or --occlusion auto"
 _ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
+_NOT_MEASURED = "not measured"
 _EACH_FRAME = "decided on each frame"
 
 
@@ -176,7 +177,7 @@ def restrict_to_pipeline(
     Raises:
         UsageError: `requested` names an effect that the pipeline has no node for.
     """
-    missing = {one.effect for one in decisions if one.wanted} - there
+    missing = {one.effect for one in decisions if one.wanted or one.reason == _NOT_MEASURED} - there
     for one in decisions:
         if one.effect in missing & EffectRequest.parse(requested).added:
             raise UsageError(
@@ -232,7 +233,7 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
 def _measured(effect: str, found: Measurement | None) -> Decision:
     """An effect of the plate's camera."""
     if found is None:
-        return Decision(effect=effect, wanted=False, reason="not measured")
+        return Decision(effect=effect, wanted=False, reason=_NOT_MEASURED)
     bound = "reaches" if found.value >= found.threshold else "stays below"
     reason = found.evidence
     if found.model is not None and found.threshold > 0.0:

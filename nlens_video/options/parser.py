@@ -96,7 +96,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise a UsageError."""
-        raise UsageError(f"{message}; see {self.prog} --help")
+        raise UsageError(f"{message}; see {self.whole or self.prog} --help")
 
     def parse_known_args(  # type: ignore[override]  # argparse declares it by overloads
         self,
@@ -118,7 +118,7 @@ class Parser(argparse.ArgumentParser):
                 continue
             near = get_close_matches(name, self._names(), n=1, cutoff=0.7)
             meant = f"did you mean {near[0]}? See" if near else "see"
-            raise UsageError(f"{name} is not an option; {meant} {self.prog} --help")
+            raise UsageError(f"{name} is not an option; {meant} {self.whole or self.prog} --help")
 
     def _get_option_tuples(
         self, option_string: str
