@@ -87,7 +87,10 @@ class SourceInfo:
         sample_aspect_ratio: width of a stored pixel by its height, None where unknown [1].
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
         bit_rate: of the video stream, None where unknown [bit/s].
-        interlaced: whether the first frame consists of two fields.
+        interlaced: whether frames consist of two fields, by the header or the first frame.
+        field_order: `tt` or `tb` where the header says that the top field is shown first, `bb` or
+            `bt` where it says the bottom one (QuickTime tells fields that lie line by line apart);
+            else empty.
         hdr: HDR metadata of the first frame.
         copied: the other streams, which are carried over.
         metadata: of the container.
@@ -122,6 +125,7 @@ class SourceInfo:
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
+    field_order: str = ""
     hdr: HdrMetadata = field(default_factory=HdrMetadata)
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
@@ -191,4 +195,5 @@ def upright(info: SourceInfo) -> SourceInfo:
         rotation=0,
         sample_aspect_ratio=1 / ratio if sideways and ratio else ratio,
         interlaced=info.interlaced and not sideways,
+        field_order="",
     )

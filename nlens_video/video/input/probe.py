@@ -17,6 +17,8 @@ from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
+_FIELD_ORDERS = {2: "tt", 3: "bb", 4: "tb", 5: "bt"}
+"""Names of FFmpeg's field orders; others are progressive or unknown."""
 _RATE_TOLERANCE = Fraction(1, 1000)
 _TS_DISCONT = 0x0200
 """FFmpeg's flag of formats whose clock may leap: MPEG-TS, MPEG program streams, HLS, Ogg."""
@@ -49,6 +51,7 @@ def describe(
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
+    order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
     count = stream.frames or (round(duration * rate) if duration and rate else None)
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
@@ -64,7 +67,7 @@ def describe(
         ),
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
-        interlaced=first.interlaced_frame,
+        interlaced=first.interlaced_frame or bool(order), field_order=order,
         hdr=hdr_metadata(first),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),

@@ -13,6 +13,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.kernels.thread_pool import processors
 from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
+from nlens_video.video.input.late_fields import LateFields
 from nlens_video.video.input.open import (
     DECODER,
     InputHints,
@@ -125,6 +126,7 @@ class AvSource(Source):
             self.info = replace(info, frame_time=known)
             self._clock = SourceClock(self.info)
             self._conform = Conform(first)
+            self._late_fields = LateFields(self.info)
         except BaseException:
             self._container.close()
             raise
@@ -143,6 +145,7 @@ class AvSource(Source):
         self._started = True
         self._pass_on()
         while frame is not None:
+            self._late_fields.see(frame, index)
             frame = self._conform(frame, index)
             if frame.pts is not None:
                 if self._damage.is_near(last, frame.pts, clock.step):
@@ -245,7 +248,8 @@ class AvSource(Source):
 
     def warnings(self) -> tuple[str, ...]:
         """Irregularities so far, other than damaged packets."""
-        return (*self._conform.notes(), *self._clock.notes(), *self._ended_early)
+        late = self._late_fields.notes()
+        return (*self._conform.notes(), *late, *self._clock.notes(), *self._ended_early)
 
     def _pass_on(self, *, ended: bool = False) -> None:
         """Hand over packets whose time is known; without a `packet_sink`, drop them."""

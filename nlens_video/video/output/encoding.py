@@ -112,7 +112,9 @@ def choose_encoding(
             f"{container} does not hold {name} in {chosen or wanted}; "
             "give another OUT, --codec or --pix-fmt"
         )
-    options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
+    options = encoder_options(
+        name, chosen, crf, interlaced=info.interlaced, field_order=info.field_order
+    )
     options, lost_hdr = with_hdr(options, name, info.hdr)
     reasons = [*lost_hdr, *([why] if why else [])]
     if lost := what_is_lost(wanted, chosen, name):
