@@ -197,6 +197,8 @@ def as_time(time: float | None) -> float | None:
 def _read(name: str, option: Option, value: object) -> object:
     """A value as the option's reader makes it from text."""
     if not option.takes_value:
+        if not isinstance(value, bool | np.bool_):
+            raise UsageError(f"{name}={value!r}: expected True or False")
         return bool(value)
     if option.nargs == "?" and value is True:
         return option.const
