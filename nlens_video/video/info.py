@@ -91,6 +91,7 @@ class SourceInfo:
         field_order: `tt` or `tb` where the header says that the top field is shown first, `bb` or
             `bt` where it says the bottom one (QuickTime tells fields that lie line by line apart);
             else empty.
+        lossless: whether H.264 or HEVC says that it is coded without loss.
         hdr: HDR metadata of the first frame.
         copied: the other streams, which are carried over.
         metadata: of the container.
@@ -126,6 +127,7 @@ class SourceInfo:
     bit_rate: int | None = None
     interlaced: bool = False
     field_order: str = ""
+    lossless: bool = False
     hdr: HdrMetadata = field(default_factory=HdrMetadata)
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)

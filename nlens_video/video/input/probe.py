@@ -13,6 +13,7 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.hdr_metadata import hdr_metadata
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.input.camera_tags import camera_tags
+from nlens_video.video.input.lossless import is_lossless
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
@@ -68,6 +69,7 @@ def describe(
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame or bool(order), field_order=order,
+        lossless=is_lossless(stream.codec.name, stream.codec_context.extradata or b""),
         hdr=hdr_metadata(first),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),

@@ -162,6 +162,21 @@ def encoder_options(
     return options
 
 
+def without_loss(options: dict[str, str], encoder: str) -> dict[str, str]:
+    """Options of an encoder that keep samples to the bit, where it has them.
+
+    Args:
+        options: its usual ones.
+        encoder: FFmpeg's name of it.
+    """
+    if encoder not in ("libx264", "libx264rgb", "libx265"):
+        return options
+    exact = {name: value for name, value in options.items() if name != "crf"}
+    if encoder == "libx265":
+        return {**exact, "x265-params": f"{options['x265-params']}:lossless=1"}
+    return {**exact, "qp": "0"}
+
+
 def unmarked_fields(encoder: str, *, interlaced: bool) -> tuple[str, ...]:
     """A note where interlaced pictures do not say any more that they are.
 

@@ -24,6 +24,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     some_format,
     unmarked_fields,
     what_is_lost,
+    without_loss,
 )
 from nlens_video.video.output.hdr_parameters import with_hdr
 from nlens_video.video.output.recent_codecs import canonical, is_recent
@@ -115,6 +116,8 @@ def choose_encoding(
     options = encoder_options(
         name, chosen, crf, interlaced=info.interlaced, field_order=info.field_order
     )
+    if info.lossless and crf is None:
+        options = without_loss(options, name)
     options, lost_hdr = with_hdr(options, name, info.hdr)
     reasons = [*lost_hdr, *([why] if why else [])]
     if lost := what_is_lost(wanted, chosen, name):
