@@ -13,7 +13,7 @@ from av.video.codeccontext import VideoCodecContext
 from nlens_video.core.errors import OutputError
 from nlens_video.video.atomic_files import partial_name, remove_stale
 from nlens_video.video.atomic_sequences import publish_all
-from nlens_video.video.exr import write_layers
+from nlens_video.video.exr import not_carried, write_layers, write_over
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence
@@ -45,6 +45,9 @@ class StillSink(Sink):
         self._keep = keep_partial
         self._written: list[Path] = []
         self._codec = EXTENSIONS[self._path.suffix.lower()]
+        self._over = self._codec == info.codec == "exr"
+        if self._over:
+            self._notes += not_carried(self._plate(0))
         self._format = "gbrpf32le"
         if self._codec != "exr":
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
@@ -83,10 +86,7 @@ class StillSink(Sink):
         path = self._name(frame.number)
         target = self._folder / path.name
         if self._codec == "exr":
-            write_layers(
-                target, picture_channels(frame.picture), half=self._info.half,
-                primaries=channel_primaries(frame.picture),
-            )  # fmt: skip
+            self._write_exr(target, frame)
         else:
             try:
                 target.write_bytes(self._encode(frame))
@@ -107,6 +107,20 @@ class StillSink(Sink):
         files = [(self._folder / path.name, path) for path in self._written]
         publish_all(files, str(self._path))
         shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _write_exr(self, target: Path, frame: SourceFrame) -> None:
+        channels, half = picture_channels(frame.picture), self._info.half
+        if self._over:
+            write_over(target, channels, self._plate(frame.number), half=half)
+        else:
+            primaries = channel_primaries(frame.picture)
+            write_layers(target, channels, half=half, primaries=primaries)
+
+    def _plate(self, number: int) -> Path:
+        """The plate's file of a frame."""
+        name = self._info.name
+        matches = ImageSequence.matches(name)
+        return ImageSequence(name).path(self._first + number) if matches else Path(name)
 
     def _name(self, index: int) -> Path:
         return self._numbered.path(self._first + index) if self._numbered else self._path
