@@ -93,6 +93,7 @@ class SourceInfo:
             else empty.
         lossless: whether H.264 or HEVC says that it is coded without loss.
         hdr: HDR metadata of the first frame.
+        chroma_siting: FFmpeg's name of where chroma lies, empty where unknown.
         copied: the other streams, which are carried over.
         metadata: of the container.
         stream_metadata: of the video stream, such as language and timecode.
@@ -129,6 +130,7 @@ class SourceInfo:
     field_order: str = ""
     lossless: bool = False
     hdr: HdrMetadata = field(default_factory=HdrMetadata)
+    chroma_siting: str = ""
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     stream_metadata: dict[str, str] = field(default_factory=dict)
@@ -198,4 +200,5 @@ def upright(info: SourceInfo) -> SourceInfo:
         sample_aspect_ratio=1 / ratio if sideways and ratio else ratio,
         interlaced=info.interlaced and not sideways,
         field_order="",
+        chroma_siting="" if info.rotation else info.chroma_siting,
     )

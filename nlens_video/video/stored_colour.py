@@ -81,6 +81,19 @@ def stored_colour(
     )  # fmt: skip
 
 
+def siting_option(info: SourceInfo, pixel_format: str) -> dict[str, str]:
+    """An encoder's option for chroma that does not lie where readers assume, on the left.
+
+    Args:
+        info: the source.
+        pixel_format: of the result, FFmpeg's name.
+    """
+    kinds = (_layout(info.pixel_format), _layout(pixel_format))
+    halved = all(kind is not None and (kind.step_x, kind.step_y) == (2, 2) for kind in kinds)
+    told = halved and info.chroma_siting not in ("", "left")
+    return {"chroma_sample_location": info.chroma_siting} if told else {}
+
+
 def set_colour(told: VideoCodecContext | av.VideoFrame, tags: FrameTags) -> None:
     """Tell an encoder, or a frame, the colour of its samples."""
     told.colorspace, told.color_range = tags.colorspace, tags.color_range

@@ -13,6 +13,7 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.hdr_metadata import hdr_metadata
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.input.camera_tags import camera_tags
+from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
@@ -70,7 +71,7 @@ def describe(
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame or bool(order), field_order=order,
         lossless=is_lossless(stream.codec.name, stream.codec_context.extradata or b""),
-        hdr=hdr_metadata(first),
+        hdr=hdr_metadata(first), chroma_siting=chroma_siting(stream),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),

@@ -29,8 +29,6 @@ from nlens_video.video.input.repair import Completeness, Conform, Damage, Source
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import AvPicture
 
-_CENTRED_CHROMA = ("mjpeg", "mpeg1video")
-"""Codecs whose 4:2:0 and 4:2:2 have chroma midway between luma columns (JFIF, ISO 11172-2)."""
 _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
 MOST_UNDECODABLE = 500
@@ -155,7 +153,7 @@ class AvSource(Source):
             frame.pts = pts
             picture = AvPicture(
                 frame, self.info.tags, rotation=self.info.rotation,
-                centred_chroma=self.info.codec in _CENTRED_CHROMA,
+                chroma_siting=self.info.chroma_siting,
             )  # fmt: skip
             yield SourceFrame(
                 index=index, pts=pts, time_base=clock.time_base, time_s=clock.seconds(pts),

@@ -34,7 +34,7 @@ from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
-from nlens_video.video.stored_colour import set_colour, stored_colour
+from nlens_video.video.stored_colour import set_colour, siting_option, stored_colour
 from nlens_video.video.times.start import Start
 
 _PLAYABLE = {
@@ -253,7 +253,8 @@ class VideoSink(Sink):
     def _add_video(self, encoding: Encoding) -> VideoStream:
         info = self._info
         rate = info.average_rate or Fraction(25)
-        stream = self._container.add_stream(encoding.codec, rate, dict(encoding.options))
+        options = encoding.options | siting_option(info, encoding.pixel_format)
+        stream = self._container.add_stream(encoding.codec, rate, options)
         assert isinstance(stream, VideoStream)
         context = stream.codec_context
         stream.width, stream.height = info.stored_size

@@ -94,8 +94,8 @@ class AvPicture(SamplesPicture):
         tags: colour tags; default: those of the frame.
         rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
             the frame's display matrix.
-        centred_chroma: whether chroma at half the width lies between two luma columns, as in
-            JPEG; default: on the left one, as in nearly all video of either range.
+        chroma_siting: FFmpeg's name of where chroma lies: `center` in JPEG, `topleft` in UHD HDR10;
+            empty for `left`, as in nearly all other video of either range.
 
     Raises:
         InputError: the pixel format is not supported.
@@ -103,12 +103,12 @@ class AvPicture(SamplesPicture):
 
     def __init__(
         self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None,
-        centred_chroma: bool = False,
+        chroma_siting: str = "",
     ) -> None:  # fmt: skip
         self.frame = unpacked(frame)
         self.tags = frame_tags(self.frame) if tags is None else tags
         self.rotation = frame.rotation if rotation is None else rotation
-        self.centred_chroma = centred_chroma
+        self.chroma_siting = chroma_siting
 
     @property
     def width(self) -> int:
@@ -127,7 +127,7 @@ class AvPicture(SamplesPicture):
     def samples(self) -> Samples:
         """Upright views of the frame's samples."""
         return frame_samples(
-            self.frame, self.tags, self._turns, centred_chroma=self.centred_chroma
+            self.frame, self.tags, self._turns, chroma_siting=self.chroma_siting
         )  # fmt: skip
 
     def _make_writable(self) -> None:
@@ -138,7 +138,7 @@ class AvPicture(SamplesPicture):
         """The same picture with samples of its own."""
         return AvPicture(
             copied(self.frame), self.tags, rotation=self.rotation,
-            centred_chroma=self.centred_chroma,
+            chroma_siting=self.chroma_siting,
         )  # fmt: skip
 
 
