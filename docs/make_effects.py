@@ -20,7 +20,7 @@ INTRODUCTION = """\
 Shots of known scenes, taken by a simulated camera with known effects and, except a few, encoded
 by H.264; the measurements of a run decide (`python docs/make_effects.py` makes this page
 from `tests/support/effects/shot_table.py`). The strength is that of the simulation; in
-brackets the true one. Effects in *italics* are present, but hardly visible in the plate (compression
+brackets the true one. Effects in *italics* are present, but hardly visible (compression
 removes faint fringes, the shading of a scene hides vignetting, short lines show no distortion):
 not detecting them is correct, and `--vignetting` or `--distortion` set them. Thresholds were
 chosen on the first rows; rows called *unseen* are on scenes that were made afterwards.
