@@ -54,7 +54,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "placement (replaces the GLB's camera; positions and sizes in fractions of the frame)": (
         Option("--at", PLACED, "X,Y", read.point,
-               "point of contact with the ground: 0,0 upper left, 1,1 lower right",
+               "contact with the ground; 0,0: upper left corner",
                feeds="placing.at", parameter=True, often=True),
         Option("--at-frame", SHOT, "N", read.frame_index,
                "frame that --at refers to, if the camera moves (default 0)",
@@ -102,7 +102,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "lighting, in addition to the GLB's lights": (
         Option("--env-map --env", SHOT, "MAP.hdr", read.light_around,
-               "environment map (equirectangular), or plate (default): estimated from the plate",
+               "environment map, or plate (default): from the plate",
                dest="env", feeds="light.env", parameter=True, often=True, files=files.READ),
         Option("--env-rotation", SHOT, "D", _SMALL,
                "rotation of the map about the vertical, in degrees",
@@ -121,7 +121,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
     "occlusion and reflection": (
         Option("--holdout", SHOT, "PATH", read.pattern,
-               "holdout matte (white: in front of the object), or EXR with depth Z",
+               "holdout matte (white: in front), or EXR with depth Z",
                feeds="real.holdout", parameter=True, often=True, files=files.READ),
         Option("--occlusion", SHOT, choices=("none", "moving", "auto"), default="moving",
                help="occlusion of the object by moving foreground (default: moving), also by blur "

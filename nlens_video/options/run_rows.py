@@ -11,8 +11,7 @@ from nlens_video.options.option import Option
 RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
     "the lens": (
         Option("--preset", SHOT, "NAME",
-               help="draft, realtime, standard (default), reference, paper, or a pipeline file "
-               ".toml",
+               help="draft, realtime, standard (default), reference, paper, or a .toml file",
                default="standard", feeds="run.preset", parameter=True, often=True,
                files=files.PIPELINE),
         Option("--device", SHOT, choices=("auto", "cpu", "cuda"), default="auto",
@@ -73,8 +72,8 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
     "effects of the camera": (
         Option("--effects", RUN, "E", default="auto", feeds="run.effects", parameter=True,
                often=True,
-               help="effects to simulate: auto, all, none, names, or auto,+shadow,-grain; "
-               "--plan -v prints the reason for each"),
+               help="auto, all, none, names, or auto,+shadow,-grain; "
+               "reasons by --plan -v"),
         Option("--shutter-angle --shutter", RUN, "D",
                read.between(0, 360, "an angle from 0 to 360 degrees"),
                "shutter angle in degrees, 0 to 360 (default: measured from the plate, else 180)",
