@@ -181,6 +181,28 @@ def test_grain_of_a_single_picture_is_measured_in_smooth_areas():
     assert found.value == pytest.approx(4.0, rel=0.15)
 
 
+def nearly_structureless():
+    """A slope of light above a chequered strip, scene-linear."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    code = np.where(y < 200, 80 + 60 * x / WIDTH, 60 + 40 * ((x // 12 + y // 12) % 2))
+    return grain_noise.to_linear(np.repeat(code[..., None] / 255, 3, axis=2).astype(np.float32))
+
+
+@pytest.mark.parametrize("spread_px", [1.6, 2.0, 3.0])
+def test_coarse_grain_is_measured_and_added_as_coarse_as_it_is(spread_px):
+    plate = nearly_structureless()
+    grain = noise(3, 5, 8.0 / 255, tint=1.0, spread_px=spread_px)
+    found = measure(pictures(plate, 5, grain))
+    assert found.called_for
+    assert found.value == pytest.approx(8.0, rel=0.05)
+    made = found.model.unit_noise(Box(0, 0, WIDTH, HEIGHT), 0)
+    assert made.std() == pytest.approx(1.0, abs=0.05)
+    for away in (1, 3, 6):
+        alike = (np.mean(one[:, :-away] * one[:, away:]) / np.mean(one * one) for one in
+                 (made, noise(9, 1, 1.0, tint=1.0, spread_px=spread_px)[0]))  # fmt: skip
+        assert next(alike) == pytest.approx(next(alike), abs=0.06)
+
+
 def test_texture_below_a_saturated_sky_does_not_measure_as_grain():
     # the sky is smooth, but without any red: its blocks tell nothing of that channel's noise
     codes = np.full((HEIGHT, WIDTH, 3), (0.0, 90.0, 116.0))

@@ -18,7 +18,6 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 
-LAGS = 3  # reach of the spatial correlation, each way [px]
 _PERSISTENT = 0.03  # share of a past picture's noise that is neglected
 _MOST_PAST = 12  # past pictures in the noise
 _SEED = 20
@@ -35,7 +34,7 @@ class GrainModel:
         levels: code values at which `deviation` is known, increasing (B,) [sRGB code].
         deviation: of red, green and blue (B, 3) [sRGB code].
         mixing: of three independent parts into the channels (3, 3), noise = mixing @ parts.
-        kernels: spatial correlation of each part, of unit energy (3, 2 LAGS + 1, 2 LAGS + 1).
+        kernels: spatial correlation of each part, of unit energy (3, 2 R + 1, 2 R + 1).
         persistence: correlation with the next picture, in [0, 1) [1].
     """
 
@@ -49,10 +48,11 @@ class GrainModel:
     def tile(self) -> Float32:
         """Noise of unit deviation (TILE_PX, TILE_PX, 3) that goes on beyond each edge."""
         parts = []
+        reach = self.kernels.shape[1] // 2
         for part, kernel in enumerate(self.kernels):
             white = white_noise((0, 0), (TILE_PX, TILE_PX), 0, _SEED + part)
-            around = np.pad(white, LAGS, mode="wrap")
-            parts.append(cv2.filter2D(around, -1, kernel)[LAGS:-LAGS, LAGS:-LAGS])
+            around = np.pad(white, reach, mode="wrap")
+            parts.append(cv2.filter2D(around, -1, kernel)[reach:-reach, reach:-reach])
         return np.asarray(cv2.transform(cv2.merge(parts), self.mixing), np.float32)
 
     @cached_property
