@@ -58,7 +58,7 @@ def as_args(given: Mapping[str, object]) -> argparse.Namespace:
     Raises:
         UsageError: a value that the option does not take.
     """
-    track_focus = given["track_focus"]
+    track_focus = given.get("track_focus")
     if track_focus not in (None, "auto", "off"):  # a number of frames needs the file
         raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
     args = argparse.Namespace(**{one.attribute: one.initial for one in PARAMETERS.values()})
