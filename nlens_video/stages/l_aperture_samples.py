@@ -45,6 +45,26 @@ def spiral(count: int) -> Float64:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
+def pixel_offsets(count: int) -> Float64:
+    """Shifts (N, 2) of as many pictures, within a quarter of a pixel: Hammersley's points [px].
+
+    A picture has four samples a pixel on as many columns and rows of it, a quarter apart. With
+    these between them, N pictures have 4 N columns and rows. Their mean is 0.
+    """
+    at = np.arange(count)
+    rows = np.array([_reversed_bits(int(n)) for n in at])
+    columns = (at + 0.5) / count
+    return 0.25 * np.stack([columns - 0.5, rows - rows.mean()], axis=1)
+
+
+def _reversed_bits(number: int) -> float:
+    """Van der Corput's sequence, base 2."""
+    value, place = 0.0, 0.5
+    while number:
+        value, place, number = value + place * (number & 1), 0.5 * place, number >> 1
+    return value
+
+
 def bare_points(count: int) -> LensPoints:
     """Points of equal weight on a round aperture, for views that are not blurred further."""
     return LensPoints(spiral(count), np.full(count, 1.0 / count))

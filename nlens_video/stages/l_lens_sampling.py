@@ -3,23 +3,25 @@
 Each point stands for a cell of the aperture, so its picture is blurred over that cell's own small
 disc of confusion before the mean is taken. Surfaces that one view does not show are misplaced by no
 more than the parallax within one cell.
+
+A drawn picture has four samples a pixel, so an edge that moves would go by quarters of one. Every
+view is therefore shifted by a part of a pixel of its own, and where views are not needed the mean
+of some shifted pictures is blurred.
 """
 
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture
 from nlens_video.kernels.scatter.furthest import furthest_reach
-from nlens_video.kernels.scatter.shape import barrel_centre, outer_radius
 from nlens_video.kernels.scatter.subaperture_gather import (
     LARGEST_RADIUS_PX,
     gather_subaperture,
@@ -27,8 +29,9 @@ from nlens_video.kernels.scatter.subaperture_gather import (
 )
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
-from nlens_video.stages.l_aperture_samples import LensPoints, lens_points
+from nlens_video.stages.l_aperture_samples import LensPoints, lens_points, pixel_offsets
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
+from nlens_video.stages.l_view_mean import ViewMean, Vignette
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
@@ -36,9 +39,11 @@ if TYPE_CHECKING:
 NEGLIGIBLE_PARALLAX_PX = 0.5  # up to which the whole aperture is scattered at once [px]
 WHOLE_PARALLAX_PX = 1.5  # from which views alone count [px]
 FEWEST_VIEWS, MOST_VIEWS = 8, 256
+COVERAGE_DRAWS = 16  # shifted pictures of four samples a pixel
 _DB_OF_ONE_VIEW = 35.5  # measured, see `view_count`
 
 Reblur = Callable[[DefocusedLayer, Box], BlurredLayer]
+MeanOf = Callable[[Iterable[ObjectLayer | None]], ObjectLayer | None]
 
 
 def view_count(accuracy_db: float) -> int:
@@ -87,6 +92,14 @@ def lens_camera(camera: Camera, fit: LensFit, u: float, v: float) -> Camera:
     )
 
 
+def shifted_cameras(camera: Camera, count: int) -> list[Camera]:
+    """The camera, its picture shifted by each of `count` parts of a pixel."""
+    return [
+        replace(camera, cx=camera.cx + x, cy=camera.cy + y)
+        for x, y in pixel_offsets(count).tolist()
+    ]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LensSetup:
     """A lens at one moment.
@@ -130,8 +143,8 @@ def lens_views(
         Premultiplied scene-linear, on the pixels that any of the pictures reach.
     """
     frame = setup.frame
-    vignette = _Vignette(frame, points, aperture) if aperture.cat_eye > 0.0 else None
-    mean = _Mean(frame, points, vignette)
+    vignette = Vignette(frame, points, aperture) if aperture.cat_eye > 0.0 else None
+    mean = ViewMean(frame, points, vignette)
 
     def add(at: int, layer: ObjectLayer | None) -> None:
         part = BlurredLayer.nothing()
@@ -143,71 +156,15 @@ def lens_views(
             part = cell(object_coc(layer, of_cell), frame)
         mean.add(at, part)
 
-    cameras = [lens_camera(setup.camera, setup.fit, u, v) for u, v in points.places.tolist()]
+    shifted = shifted_cameras(setup.camera, len(points.weights))
+    cameras = [
+        lens_camera(camera, setup.fit, u, v)
+        for camera, (u, v) in zip(shifted, points.places.tolist(), strict=True)
+    ]
     renderer.render_views(
         setup.time_s, cameras, margin, add, nearest=cell is not None, plate_light=setup.plate_light
     )
     return mean.layer
-
-
-class _Mean:
-    """Sums views up in their order, whichever is ready first: any number of threads may add."""
-
-    def __init__(self, frame: Box, points: LensPoints, vignette: _Vignette | None) -> None:
-        self._frame, self._points, self._vignette = frame, points, vignette
-        self._total = np.zeros((frame.height, frame.width, 4), np.float32)
-        self._box = Box(0, 0, 0, 0)
-        self._ready: dict[int, BlurredLayer] = {}
-        self._next = 0
-        self._lock = threading.Lock()
-
-    def add(self, at: int, part: BlurredLayer) -> None:
-        """Add a view; it is kept until those before it are added."""
-        with self._lock:
-            self._ready[at] = part
-            while self._next in self._ready:
-                self._sum_up(self._next, self._ready.pop(self._next))
-                self._next += 1
-
-    def _sum_up(self, at: int, part: BlurredLayer) -> None:
-        if part.box.empty:
-            return
-        weight = np.float32(self._points.weights[at])
-        shaded = weight if self._vignette is None else self._vignette.weight(at, part.box)
-        self._total[part.box.slices_in(self._frame)] += shaded * part.rgba
-        self._box = self._box.union(part.box)
-
-    @property
-    def layer(self) -> BlurredLayer:
-        """The mean, on the pixels that any view reaches."""
-        return BlurredLayer(box=self._box, rgba=self._total[self._box.slices_in(self._frame)])
-
-
-class _Vignette:
-    """Weights of the views where the barrel hides part of the aperture."""
-
-    def __init__(self, frame: Box, points: LensPoints, aperture: Aperture) -> None:
-        self._frame, self._points, self._aperture = frame, points, aperture
-        self._rim = outer_radius(aperture)
-        self._total = np.zeros((frame.height, frame.width, 1), np.float32)
-        for at in range(len(points.weights)):
-            self._total += self._seen(at, frame)
-
-    def weight(self, at: int, box: Box) -> Float32:
-        """Weight (h, w, 1) of a view on a box of the frame; over all views they sum to 1."""
-        return np.asarray(self._seen(at, box) / self._total[box.slices_in(self._frame)])
-
-    def _seen(self, at: int, box: Box) -> Float32:
-        # points are places before the focus, the barrel lies as a highlight behind it shows it
-        u, v = -self._points.places[at]
-        columns = np.arange(box.x0, box.x1, dtype=np.float64) + 0.5
-        rows = np.arange(box.y0, box.y1, dtype=np.float64) + 0.5
-        size = (self._frame.width, self._frame.height)
-        x, y = barrel_centre(self._aperture, columns, rows, size)
-        off = np.hypot(u - x[None, :], v - y[:, None])
-        share = np.clip((self._rim - off) / (2.0 * self._points.radii[at]) + 0.5, 0.0, 1.0)
-        seen = self._points.weights[at] * np.maximum(share, 1e-6)
-        return np.asarray(seen[..., None], dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +206,7 @@ class SampleLens:
     Attributes:
         renderer: draws the object from a point of the lens.
         whole: blurs a layer by the whole aperture at once, where there is hardly any parallax.
+        mean: the mean of an object's sharp pictures.
         cell: blurs a view by a round disc.
         count: views [1].
         aperture: its shape.
@@ -256,6 +214,7 @@ class SampleLens:
 
     renderer: BoxRenderer
     whole: Reblur
+    mean: MeanOf
     cell: Reblur
     count: int
     aperture: Aperture = ROUND
@@ -270,18 +229,38 @@ class SampleLens:
         above = parallax_px(defocused) - NEGLIGIBLE_PARALLAX_PX
         share = above / (WHOLE_PARALLAX_PX - NEGLIGIBLE_PARALLAX_PX)
         if share <= 0.0:
-            return self.whole(defocused, setup.frame)
+            return self._at_once(defocused, setup)
         views = self._views(defocused, setup)
-        return views if share >= 1.0 else _mixed(self.whole(defocused, setup.frame), views, share)
+        return views if share >= 1.0 else _mixed(self._at_once(defocused, setup), views, share)
+
+    def _at_once(self, defocused: DefocusedLayer, setup: LensSetup) -> BlurredLayer:
+        """The mean of shifted pictures, blurred by the whole aperture."""
+        margin = _margin(setup, 0.5 * defocused.largest_coc_px)
+
+        def drawn() -> Iterator[ObjectLayer | None]:
+            for camera in shifted_cameras(setup.camera, COVERAGE_DRAWS):
+                yield self.renderer.render(
+                    setup.time_s, camera, margin, nearest=True, plate_light=setup.plate_light
+                )
+
+        layer = self.mean(drawn())
+        if layer is None:
+            return BlurredLayer.nothing()
+        return self.whole(object_coc(layer, setup.fit), setup.frame)
 
     def _views(self, defocused: DefocusedLayer, setup: LensSetup) -> BlurredLayer:
         points = lens_points(self.count, self.aperture)
-        tall = max(1.0, setup.camera.fy / setup.camera.fx)
-        reach = 0.5 * defocused.largest_coc_px * float(points.radii.max()) * tall
-        margin = math.ceil(min(reach, furthest_reach(tall))) + 1 + max(0, -setup.frame.x0)
+        margin = _margin(setup, 0.5 * defocused.largest_coc_px * float(points.radii.max()))
         return lens_views(
             self.renderer, setup, points, cell=self.cell, margin=margin, aperture=self.aperture
         )
+
+
+def _margin(setup: LensSetup, radius_px: float) -> int:
+    """How far beyond the frame a picture is drawn whose discs are as large [px]."""
+    tall = max(1.0, setup.camera.fy / setup.camera.fx)
+    reach = min(radius_px * tall, furthest_reach(tall))
+    return math.ceil(reach) + 1 + max(0, -setup.frame.x0)
 
 
 def _mixed(first: BlurredLayer, second: BlurredLayer, share: float) -> BlurredLayer:

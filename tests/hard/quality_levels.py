@@ -13,6 +13,7 @@ from support.glb_builder import QUAD_FACES, QUAD_UV, GlbBuilder
 
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.motion_blur import mean_layer
 from nlens_video.kernels.scatter.scatter import (
     DRAFT,
     FINE,
@@ -134,7 +135,9 @@ def through(
         centre, few = object_coc(layer, fit), None
         shot = LensSetup(time_s=0.0, camera=view, fit=fit, frame=FRAME)
         if quality == "lens":
-            stage = SampleLens(renderer=renderer, whole=spread, cell=BlurCell(spread), count=VIEWS)
+            stage = SampleLens(
+                renderer=renderer, whole=spread, mean=mean_layer, cell=BlurCell(spread), count=VIEWS
+            )
             return whole(stage(centre, shot))
         if quality == "standard":
             depth = float(layer.depth[np.isfinite(layer.depth)].max())

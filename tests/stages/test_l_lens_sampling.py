@@ -15,12 +15,19 @@ from support.lens_truth import psnr_over_plate
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
+from nlens_video.effects.motion_blur import mean_layer
 from nlens_video.kernels.scatter.disc import round_coverage
 from nlens_video.kernels.scatter.shape import contains
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
+from nlens_video.render.software.raster import SAMPLE_X, SAMPLE_Y
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_aperture_samples import _nearest, bare_points, lens_points
+from nlens_video.stages.l_aperture_samples import (
+    _nearest,
+    bare_points,
+    lens_points,
+    pixel_offsets,
+)
 from nlens_video.stages.l_lens_sampling import (
     BlurCell,
     LensSetup,
@@ -70,7 +77,12 @@ def whole(blurred):
 
 def sampled(drawn, accuracy_db=50.0, fit=FIT, **changes):
     stage = SampleLens(
-        renderer=drawn, whole=BLUR, cell=BlurCell(BLUR), count=view_count(accuracy_db), **changes
+        renderer=drawn,
+        whole=BLUR,
+        mean=mean_layer,
+        cell=BlurCell(BLUR),
+        count=view_count(accuracy_db),
+        **changes,
     )
     return whole(stage(centre(drawn, fit), shot(fit)))
 
@@ -291,13 +303,24 @@ def test_error_in_a_view_is_raised(tmp_path, kind):
 
 
 @pytest.mark.needs_gl
-def test_object_without_parallax_is_rendered_once_and_gathered(near_over_far):
+def test_object_without_parallax_is_blurred_at_once_from_shifted_pictures(near_over_far):
     constant = LensFit(slope=0.0, intercept=-9.0, width=WIDTH, height=HEIGHT)
     defocused = centre(near_over_far, constant)
     assert parallax_px(defocused) == 0.0
-    whole_blur = whole(BLUR(defocused, FRAME))
-    assert np.array_equal(sampled(near_over_far, fit=constant), whole_blur)
-    assert psnr_over_plate(whole_blur, truth(near_over_far, 256, fit=constant)) > 44.0
+    seen = sampled(near_over_far, fit=constant)
+    views = truth(near_over_far, 256, fit=constant)
+    assert psnr_over_plate(seen, views) > psnr_over_plate(whole(BLUR(defocused, FRAME)), views)
+    assert psnr_over_plate(seen, views) > 50.0
+
+
+@pytest.mark.parametrize("count", [16, 28])
+def test_shifted_pictures_have_evenly_spaced_columns_and_rows_of_samples(count):
+    offsets = pixel_offsets(count)
+    assert np.abs(offsets.mean(axis=0)).max() < 1e-12
+    every = np.sort((np.array(SAMPLE_X)[:, None] + offsets[:, 0]).ravel())
+    np.testing.assert_allclose(np.diff(every), 0.25 / count, atol=1e-12)
+    every = np.sort((np.array(SAMPLE_Y)[:, None] + offsets[:, 1]).ravel())
+    assert np.diff(every).max() < 0.75 / count
 
 
 @pytest.mark.needs_gl

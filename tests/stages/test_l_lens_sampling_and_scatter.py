@@ -9,6 +9,7 @@ from support.glb_builder import GlbBuilder
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
+from nlens_video.effects.motion_blur import mean_layer
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Scene
@@ -77,7 +78,7 @@ def test_cat_eye_cuts_the_side_of_the_disc_that_the_scatter_cuts(renderer, coc):
 @pytest.mark.parametrize("coc", [4.0, 12.0])
 def test_sampled_lens_does_not_pop_where_it_takes_over_from_the_scatter(renderer, coc):
     drawn = renderer((2.0, {"half": (0.2, 0.2)}), (2.2, {"half": (0.16, 0.16), "at": (0.3, 0.0)}))
-    stage = SampleLens(renderer=drawn, whole=BLUR, cell=BlurCell(BLUR), count=16)
+    stage = SampleLens(renderer=drawn, whole=BLUR, mean=mean_layer, cell=BlurCell(BLUR), count=16)
     frames = []
     for parallax in np.arange(NEGLIGIBLE_PARALLAX_PX - 0.05, WHOLE_PARALLAX_PX + 0.1, 0.02):
         slope = parallax / (1 / 2.0 - 1 / 2.2)

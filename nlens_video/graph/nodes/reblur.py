@@ -7,12 +7,19 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from nlens_video.core.errors import UsageError
+from nlens_video.effects.motion_blur import mean_layer
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import DEPTH_RANGE, DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
 from nlens_video.stages.composite import EdgeSurroundings, edge_surroundings, past_edges
-from nlens_video.stages.l_lens_sampling import BlurCell, LensSetup, SampleLens, view_count
+from nlens_video.stages.l_lens_sampling import (
+    COVERAGE_DRAWS,
+    BlurCell,
+    LensSetup,
+    SampleLens,
+    view_count,
+)
 from nlens_video.stages.l_reblur import ReblurLayer, crop_to_frame, depth_peel, object_coc
 from nlens_video.stages.l_view_blend import VIEWS, SampleSmallDiscs
 
@@ -128,7 +135,7 @@ class LensSampling(Node):
     """The reference: the mean of the object rendered from many points of the aperture."""
 
     name, writes = "lens-sampling", "blurred"
-    effect, when = DEFOCUS, OUT_OF_FOCUS
+    effect = DEFOCUS
     same_with = ("defocused", "fit", "frame_box")
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
@@ -142,11 +149,15 @@ class LensSampling(Node):
         self._sample = SampleLens(
             renderer=renderer,
             whole=cast("Reblur", make_reblur(context)),
+            mean=mean_layer,
             cell=BlurCell(wide, context.pixel_aspect),
             count=count,
             aperture=context.aperture,
         )
-        self.description = f"L: aperture sampled at {count} points for {accuracy_db:g} dB"
+        self.description = (
+            f"L: aperture sampled at {count} points for {accuracy_db:g} dB, or {COVERAGE_DRAWS} "
+            "shifted pictures of what needs one view"
+        )
 
     def __call__(
         self, defocused: DefocusedLayer, bounds: ScreenBounds, fit: LensFit, frame_box: Box
