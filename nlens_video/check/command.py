@@ -16,13 +16,12 @@ from nlens_video.check.frames import FrameFeatures, find_range, frame_features, 
 from nlens_video.check.judge import (
     judge_drift,
     judge_frames,
-    judge_object,
     judge_plate,
     judge_sound,
-    median_bends,
     objects_among,
     shadows_among,
 )
+from nlens_video.check.judge_object import judge_object, median_bends
 from nlens_video.check.measure import Measures, SoundPair
 from nlens_video.check.regions import Track
 from nlens_video.check.verdict import Verdict, runs, write_page
@@ -236,10 +235,12 @@ def _range_note(
     made, given = counts
     if assumed is not None:
         first, end = assumed
-        return (
-            f"taken for the result of --range {first}:{end}, for its first frame shows the "
-            f"plate's frame {first}; --range A:B says otherwise",
+        why = (
+            f"its first frame shows the plate's frame {first}; --range A:B says otherwise"
+            if first
+            else "it ends before the middle of the plate; --range 0: is for all of that"
         )
+        return (f"taken for the result of --range {first}:{end}, for {why}",)
     if made and measures.dropped and measures.dropped[-1] == given - 1:
         return (f"if the result is of a part of its plate, say which: --range 0:{made}",)
     return ()

@@ -22,6 +22,7 @@ _OBJECT_POINTS = 80
 _LOWER = 0.6  # of the object, where it stands
 _GROUND_MOVES_PX, _STILL_PX = 0.6, 0.2  # from frame to frame
 _LEAST_POINTS, _STILL_SHARE = 30, 0.2  # over the clip
+_FEWEST_STEPS = 8  # points whose motion is the plate's
 
 
 @dataclass(slots=True)
@@ -35,10 +36,13 @@ class DriftMeasure:
     Attributes:
         solved: the camera that the object was rendered with, None where it is not known.
         start_s: time of the plate's first frame, as the camera counts it [s].
+        plate_step_px: how far right and down the plate has moved since the frame before, (2,); 0
+            where it has too few points [px].
     """
 
     solved: SolvedCamera | None = None
     start_s: float = 0.0
+    plate_step_px: Float64 = field(default_factory=lambda: np.zeros(2))
     _tracker: Tracker = field(default_factory=lambda: Tracker(most=_POINTS, recorded=False))
     _drift: GroundDrift = field(default_factory=GroundDrift)
     _width: int = 0
@@ -53,7 +57,9 @@ class DriftMeasure:
         full, self._full_width = plate.luma.shape[::-1], plate.luma.shape[1]
         self._width = min(_WIDTH, full[0])
         size = self._width, max(1, round(full[1] * self._width / full[0]))
+        known = self._tracker.current
         self._tracker.add(_small(plate.luma, size))
+        self.plate_step_px = self._scale * _middle_step(known, self._tracker.current)
         camera = None
         if self.solved is not None:
             camera = self.solved.at(self.start_s + float(plate.time_s)).resized(*size)
@@ -115,6 +121,12 @@ class DriftMeasure:
         steps = np.linalg.norm(moved - points, axis=1)[kept]
         self._points += len(steps)
         self._still_points += int((steps < _STILL_PX).sum())
+
+
+def _middle_step(before: Mapping[int, Float32], now: Mapping[int, Float32]) -> Float64:
+    """The median motion (2,) of the points that both have; 0 where they are too few."""
+    steps = [now[number] - place for number, place in before.items() if number in now]
+    return np.median(steps, axis=0) if len(steps) >= _FEWEST_STEPS else np.zeros(2)
 
 
 def _same(first: Float64) -> Float64:

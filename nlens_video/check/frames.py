@@ -46,6 +46,17 @@ class FrameFeatures:
     colour: Float32
     detail: Float32
 
+    @property
+    def rgb(self) -> tuple[Float32, Float32, Float32]:
+        """Mean red, green and blue of each block, (h, w) each [level]."""
+        luma = self.colour[..., 0]
+        blue, red = (
+            luma + self.colour[..., place] / np.float32(scale)
+            for place, (_, scale) in enumerate(_CHROMA, 1)
+        )
+        green = (luma - _LUMA[0] * red - _LUMA[2] * blue) / _LUMA[1]
+        return red, green, blue
+
 
 def frame_features(frame: SourceFrame, first_pts: int) -> FrameFeatures:
     """Measure one frame; `first_pts` is that of the source's first [ticks]."""
@@ -138,13 +149,17 @@ def pair_frames(
 def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
     """Range of the plate that a shorter result shows, found by the result's first frame.
 
+    A result that begins with its plate, and lacks only some of its end, has lost frames rather than
+    been cut.
+
     Args:
         result: written by `render`, possibly with `--range`.
         plate: its plate, whose range is not used.
 
     Returns:
         First index and the one past the last; None where the result has as many frames as its
-        plate or begins with it, or where one of the two cannot be read twice.
+        plate, or begins with it and has more than half of them, or where one of the two cannot be
+        read twice.
 
     Raises:
         InputError: one of the two cannot be read.
@@ -160,7 +175,9 @@ def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
         rest = iter(made)
         frame = next(rest, None)
         first = 0 if frame is None else _best_match(frame_features(frame, frame.pts), given)
-        return (first, first + 1 + sum(1 for _ in rest)) if first else None
+        end = first + sum(1 for _ in rest) + (frame is not None)
+        begins = not first and plate_frames is not None and 0 < end <= plate_frames // 2
+        return (first, end) if first or begins else None
 
 
 def _best_match(beginning: FrameFeatures, plate: Source) -> int:

@@ -1,38 +1,25 @@
-"""Findings from measures: thresholds on times, object, plate and sound."""
+"""Findings from measures: thresholds on times, plate and sound."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from nlens_video.check.drift import DriftMeasure
 from nlens_video.check.measure import (
-    LEAST_TOLERANCE,
     NOISE_FACTOR,
     SOUND_LIMIT_S,
     Measures,
     SoundPair,
 )
-from nlens_video.check.regions import SECTORS, Track
-from nlens_video.check.series import (
-    flicker,
-    freezes,
-    outliers,
-    second_difference,
-    standard_error,
-    steps,
-)
+from nlens_video.check.regions import Track
+from nlens_video.check.shadow import LEAST_TOLERANCE
 from nlens_video.check.verdict import Finding, at, runs
-from nlens_video.core.layers import Float64
 
-Frames = npt.NDArray[np.int64]
-_STEP = 0.08  # limit of a lasting change within one frame, as a share [1]
-_POP = 0.15  # limit of a jump of sharpness or coverage on a single frame, as a share [1]
-_FLICKER = 0.015  # limit of the amplitude of flicker, as a share [1]
-_SMALL = 0.13  # the same limit times the root of the number of blocks, for small objects
 _SHADOW = 0.9  # share of a shadow's frames on which it is one, and has an object [1]
 _WHOLE_PLATE = 3.0  # median difference above that of any sensible encoding [level]
-_STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
+_SHADES = ("light", "blue", "red")  # luma and both colour differences
+_SHADE = 0.5  # middle change of all blocks by encoding, whose errors go both ways [level]
+_SHADE_OF_NOISE = 0.25  # and more, of the median difference
 
 
 def judge_frames(measures: Measures) -> list[Finding]:
@@ -107,6 +94,7 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
             )
         )  # fmt: skip
     noise = float(np.median(measures.noise)) if measures.noise else 0.0
+    found += _judge_shade(measures, _SHADE + _SHADE_OF_NOISE * noise)
     if noise > _WHOLE_PLATE:
         found.append(
             at(
@@ -118,52 +106,24 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
     return found
 
 
-def judge_object(track: Track) -> list[Finding]:
-    """Jumps, flicker and freezes of one object, but for frames on which something passes it."""
-    frames = np.array(track.frames, np.int64)
-    span = np.arange(frames[0], frames[-1] + 1)
-    found = [
-        at("pop", gap, 1.0, "the object is missing")
-        for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
-        if not _beside(track.disturbed, *gap)
-    ]
-    # an object of few blocks varies more
-    blocks = max(float(np.median(np.array(track.area))), 1.0)
-    limit = max(_FLICKER, _SMALL / float(np.sqrt(blocks)))
-    step_limit = _STEP * limit / _FLICKER
-    for name, (values, bend, error) in _series(track, span).items():
-        for first, last, amplitude in flicker(bend, limit, error):
-            words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
-            found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
-        jumps = outliers(bend, _POP, error)
-        for place, jump in jumps:
-            index = int(span[place])
-            words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {_POP:.0%})"
-            found.append(at("pop", (index, index), jump, words))
-        jumped = {place for place, _ in jumps}
-        for place, size in steps(values, step_limit):
-            if not jumped & {place - 1, place}:
-                index = int(span[place])
-                words = (
-                    f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
-                )
-                found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
-    motion = _on(span, frames, np.array(track.motion))
-    for first, last in freezes(np.nan_to_num(motion), _STILL):
-        if _beside(track.disturbed, int(span[first]), int(span[last])):
-            continue
-        found.append(
-            at(
-                "freeze", (int(span[first]), int(span[last])), float(motion[first]),
-                "the object stands still, and moves before and after",
-            )
-        )  # fmt: skip
+def _judge_shade(measures: Measures, limit: float) -> list[Finding]:
+    """Frames whose plate as a whole is lighter, darker or of another colour."""
+    shade = np.array(measures.shade).reshape(-1, len(_SHADES))
+    compared = np.array(measures.compared)
+    found = []
+    for span in runs(compared[np.abs(shade).max(axis=1, initial=0.0) > limit].tolist()):
+        inside = shade[(compared >= span[0]) & (compared <= span[1])]
+        middle = np.median(inside, axis=0)
+        worst = int(np.argmax(np.abs(middle)))
+        changed = float(middle[worst])
+        more = "more" if changed > 0 else "less"
+        words = (
+            f"the whole plate has {abs(changed):.1f} of 255 levels {more} {_SHADES[worst]} "
+            f"(limit {limit:.1f}); give the plate that the result was made from, or look where the "
+            "colours change"
+        )
+        found.append(at("plate", span, changed, words))
     return found
-
-
-def _beside(disturbed: set[int], first: int, last: int) -> bool:
-    """Whether something passes on some frames or on their neighbours."""
-    return not disturbed.isdisjoint(range(first - 1, last + 2))
 
 
 def judge_drift(drift: DriftMeasure) -> list[Finding]:
@@ -183,35 +143,6 @@ def judge_drift(drift: DriftMeasure) -> list[Finding]:
     return [at("drift", None, drift.rms_px, f"{text}; {why}")]
 
 
-def _series(track: Track, span: Frames) -> dict[str, tuple[Float64, Float64, Float64]]:
-    """Log of sharpness and coverage on every frame of the span, its bend and standard error.
-
-    Coverage is not judged where the object touches the frame's edge, which crops it, and neither is
-    where something passes.
-    """
-    frames = np.array(track.frames, np.int64)
-    clear = np.array([not _beside(track.disturbed, index, index) for index in track.frames])
-    sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
-    sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
-    log_area = np.log(np.maximum(np.array(track.area), 1e-3))
-    area = _on(span, frames, np.where(clear & np.array(track.whole, bool), log_area, np.nan))
-    return {
-        "sharpness": (
-            sharpness,
-            np.nan_to_num(second_difference(sharpness)),
-            standard_error(sectors),
-        ),
-        "coverage": (area, np.nan_to_num(second_difference(area)), np.zeros(len(span))),
-    }
-
-
-def median_bends(track: Track) -> tuple[float, float]:
-    """Median |bend| of an object's sharpness and coverage, as shares [1]."""
-    series = _series(track, np.arange(track.first, track.last + 1)).values()
-    sharpness, coverage = (float(np.median(np.abs(bend))) for _, bend, _ in series)
-    return sharpness, coverage
-
-
 def judge_sound(pairs: list[SoundPair], missing: int) -> list[Finding]:
     """Sound that is missing, shifted, or of another length."""
     found = []
@@ -226,10 +157,3 @@ def judge_sound(pairs: list[SoundPair], missing: int) -> list[Finding]:
                 limit = f"(limit {1e3 * SOUND_LIMIT_S:.0f} ms)"
                 found.append(at("sound", None, shift, f"{text} {limit}"))
     return found
-
-
-def _on(span: Frames, frames: Frames, values: Float64) -> Float64:
-    """Values on every frame of the span, NaN where the region was not found."""
-    whole = np.full((len(span), *values.shape[1:]), np.nan)
-    whole[frames - span[0]] = values
-    return whole

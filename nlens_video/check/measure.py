@@ -14,18 +14,16 @@ import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
 from nlens_video.check.frames import FrameFeatures, Pair, Unpaired, block_mean, block_rms
+from nlens_video.check.motion import NOT_KNOWN, Look, Template
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
+from nlens_video.check.shadow import LEAST_TOLERANCE, is_shadow, shadowed
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.video.info import Packet
 
-LEAST_TOLERANCE = 1.5  # change of a block's mean by conversion and rounding [level]
 NOISE_FACTOR = 6.0  # by which encoding changes textured blocks more than the median one
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
 _LEAST_BLOCKS = 1.5  # of a sector that is large enough to measure the object's detail [block]
 _STRONG = 24.0  # difference of a block that the object covers wholly [level]
-_DARKEST = 0.1  # remaining share of a code value in the deepest shadow [1]
-_TINT = 0.06  # change of hue by a shadow, which has the sky's light and not the lamp's [1]
-_MOST = 0.9  # of the region's blocks [1]
 _CLEARER = 0.6  # misfit of a neighbouring frame of the plate against that of the paired one [1]
 _LEAST_GAIN = 0.3  # least difference of these misfits [level]
 _RESTS = 3.0  # median change of the plate's blocks from frame to frame, by a still camera [level]
@@ -48,7 +46,11 @@ class Measures:
         shifted: index of each result's frame that shows another frame of the plate, and how many
             frames later that one lies.
         late: index and delay of each result's frame shown at another time than the plate's [s].
-        noise: median difference of a block of each pair, which is due to encoding [level].
+        shade: median signed difference of the blocks of each pair, of luma and both colour
+            differences, three numbers a pair [level].
+        compared: index of the result's frame of each of these pairs.
+        noise: median difference of a block of each pair, beyond its shade, which is due to
+            encoding [level].
         worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
         previous: the result's frame of the pair before.
@@ -62,6 +64,8 @@ class Measures:
     added: array[int] = field(default_factory=lambda: array("q"))
     shifted: list[tuple[int, int]] = field(default_factory=list)
     late: list[tuple[int, float]] = field(default_factory=list)
+    shade: array[float] = field(default_factory=lambda: array("d"))
+    compared: array[int] = field(default_factory=lambda: array("q"))
     noise: array[float] = field(default_factory=lambda: array("d"))
     worst_late_s: float = 0.0
     pairs: int = 0
@@ -85,9 +89,13 @@ class Measures:
         self.previous = pair.result
 
     def _compare(self, pair: Pair) -> None:
-        difference = np.abs(pair.result.colour - pair.plate.colour).max(axis=2)
+        signed = pair.result.colour - pair.plate.colour
+        shade = np.asarray(np.median(signed, axis=(0, 1)), np.float32)
+        difference = np.abs(signed - shade).max(axis=2)
         noise = float(np.median(difference))
         self.noise.append(noise)
+        self.shade.extend(shade.tolist())
+        self.compared.append(pair.result.index)
         tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
         passing = _passing(pair)
         tracks = self.tracks.follow(pair.result.index, difference, tolerance, passing)
@@ -100,9 +108,30 @@ class Measures:
             motion = block_mean(np.abs(pair.result.luma - self.previous.luma))
         largest = max(tracks, key=lambda one: sum(one.area), default=None)
         self.drift.add(pair.plate, pair.result, None if largest is None else largest.mask)
+        shadow = shadowed(pair, tolerance)
+        look = Look.of(pair.plate, pair.result)
+        solid = look.without(shadow)
         for track in tracks:
             _append(track, pair.result, difference, gain, motion)
-            track.shadowed.append(_is_shadow(pair, track.mask, tolerance))
+            blocks = track.mask & ~shadow if (track.mask & ~shadow).any() else track.mask
+            self._place(track, look, solid, blocks)
+            for mask in (track.mask, blocks):
+                track.light.extend(_light(pair.result, _weight(mask, difference)))
+            track.plate_light.extend(_light(pair.plate, np.ones_like(difference)))
+            track.shadowed.append(is_shadow(pair, track.mask, tolerance))
+
+    def _place(self, track: Track, look: Look, solid: Look, blocks: Mask) -> None:
+        """How far a region has moved since the frame before, and the plate with it.
+
+        Registered with its shadow and without: `solid` and `blocks` are the latter's.
+        """
+        known = len(track.frames) > 1 and track.frames[-2] == look.index - 1
+        for template, shown in zip(track.templates, (look, solid), strict=False):
+            track.steps.extend((template.step(shown) if known else NOT_KNOWN).tolist())
+        if not track.templates:
+            track.steps.extend((*NOT_KNOWN, *NOT_KNOWN))
+        track.plate_steps.extend(self.drift.plate_step_px.tolist())
+        track.templates = Template.of(look, track.mask), Template.of(solid, blocks)
 
 
 def _passing(pair: Pair) -> Mask | None:
@@ -119,7 +148,7 @@ def _passing(pair: Pair) -> Mask | None:
 def _append(
     track: Track, result: FrameFeatures, difference: Float32, gain: float, motion: Float32 | None
 ) -> None:
-    weight = np.float32(track.mask) * np.clip(difference / np.float32(_STRONG), 0.0, 1.0)
+    weight = _weight(track.mask, difference)
     area = float(weight.sum())
     track.area.append(area)
     detail = result.detail / np.float32(gain)
@@ -130,22 +159,16 @@ def _append(
     track.motion.append(float("nan") if motion is None else float(motion[solid].mean()))
 
 
-def _is_shadow(pair: Pair, mask: Mask, tolerance: float) -> bool:
-    """Whether a region is the plate with less light.
+def _weight(mask: Mask, difference: Float32) -> Float32:
+    """How far the object covers each block (h, w) [1]."""
+    covered = np.clip(difference / np.float32(_STRONG), 0.0, 1.0)
+    return np.asarray(np.float32(mask) * covered, np.float32)
 
-    A loss of light reduces code values of luma, colour differences and detail by about one factor.
-    """
-    plate, result = pair.plate.colour[mask], pair.result.colour[mask]
-    kept = result[:, 0] / np.maximum(plate[:, 0], 1.0)
-    darker = bool((result[:, 0] <= plate[:, 0] + LEAST_TOLERANCE).all() and kept.min() > _DARKEST)
-    hue = np.abs(result[:, 1:] - kept[:, None] * plate[:, 1:]).max(axis=1)
-    expected = kept * pair.plate.detail[mask]
-    detail = np.abs(pair.result.detail[mask] - expected)
-    return (
-        darker
-        and float(np.quantile(hue, _MOST)) <= tolerance + _TINT * (1.0 - float(kept.mean())) * 255.0
-        and float(np.quantile(detail, _MOST)) <= _FLAT + 0.5 * float(expected.mean())
-    )
+
+def _light(features: FrameFeatures, weight: Float32) -> list[float]:
+    """Mean red, green and blue of the blocks by their weights (h, w) [level]."""
+    total = max(float(weight.sum()), 1e-6)
+    return [float((weight * one).sum()) / total for one in features.rgb]
 
 
 def _by_sector(weight: Float32, detail: Float32) -> Float64:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.check.frames import BLOCK_PX
+from nlens_video.check.motion import Template
 from nlens_video.core.layers import Float32
 
 Mask = npt.NDArray[np.bool_]
@@ -36,6 +37,13 @@ class Track:
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
             sector is too small [1].
         motion: mean change of its luma since the frame before, NaN on its first [level].
+        light: its mean red, green and blue, and the same without its shadow, six numbers a frame
+            [level].
+        plate_light: red, green and blue of the whole plate, three numbers a frame [level].
+        steps: how far right and down it has moved since the frame before, and the same without its
+            shadow, four numbers a frame, NaN where that is not known [px].
+        plate_steps: that of the plate, as most of its points moved, two numbers a frame [px].
+        templates: its picture on the last of these frames, and that without its shadow.
         shadowed: whether it is the plate with less light.
         worst: largest difference of a block [level].
         box: first column and row, end column and row of all its blocks [block].
@@ -54,6 +62,11 @@ class Track:
     sharpness: array[float] = field(default_factory=lambda: array("d"))
     sectors: array[float] = field(default_factory=lambda: array("d"))
     motion: array[float] = field(default_factory=lambda: array("d"))
+    light: array[float] = field(default_factory=lambda: array("d"))
+    plate_light: array[float] = field(default_factory=lambda: array("d"))
+    steps: array[float] = field(default_factory=lambda: array("d"))
+    plate_steps: array[float] = field(default_factory=lambda: array("d"))
+    templates: tuple[Template, ...] = ()
     shadowed: array[int] = field(default_factory=lambda: array("b"))
     worst: float = 0.0
     box: tuple[int, int, int, int] = (1 << 30, 1 << 30, 0, 0)

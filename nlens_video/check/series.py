@@ -31,6 +31,30 @@ def second_difference(values: Float64) -> Float64:
     return bend
 
 
+def undone(bend: Float64) -> Float64:
+    """The part of a bend that both neighbours undo.
+
+    A value that is off alone bends its neighbours by half as much the other way, one that goes to
+    and fro bends them by as much. What speeds up, turns round or stops at once does not.
+
+    Args:
+        bend: of the series, (n,).
+
+    Returns:
+        The bend beyond that of the series around it, 0 where a neighbour does not undo it, (n,).
+    """
+    count = len(bend)
+    result = np.zeros(count)
+    pairs = 0.5 * (bend[:-1] + bend[1:])  # what goes to and fro cancels
+    for at in range(1, count - 1):
+        around = (*pairs[max(0, at - _WINDOW) : max(0, at - 2)], *pairs[at + 2 : at + _WINDOW])
+        usual = float(np.median(around)) if around else 0.0
+        before, own, after = bend[at - 1 : at + 2] - usual
+        if own * before < 0.0 and own * after < 0.0:
+            result[at] = np.sign(own) * min(abs(own), 2.0 * abs(before), 2.0 * abs(after))
+    return result
+
+
 def standard_error(bend: Float64) -> Float64:
     """Standard error of the bend of a whole, from the spread of its parts.
 

@@ -35,7 +35,7 @@ KINDS: dict[Kind, str] = {
     "freeze": "object standing still for a moment",
     "plate": "plate pixels away from the object",
     "pop": "jumps of a single frame",
-    "flicker": "flicker of sharpness or coverage",
+    "flicker": "flicker and jitter of the object",
     "drift": "object against the plate's ground",
     "sound": "audio against the pictures",
 }

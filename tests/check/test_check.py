@@ -135,7 +135,7 @@ def test_sharpness_flicker_is_reported(check, what, usual, share, least):
 
 
 def test_lasting_change_of_blur_is_reported(check):
-    verdict = check(looks=lambda number: {"sigma": 1.5 if number < 12 else 2.5})
+    verdict = check(looks=lambda number: {"sigma": 1.5 if number < 12 else 3.0})
     assert {(one.kind, one.frame) for one in verdict.findings} == {("pop", 12)}, texts(verdict)
     assert "stays so" in verdict.findings[0].text
 
@@ -295,6 +295,14 @@ def test_range_is_detected_on_a_static_plate_with_one_moving_light(tmp_path):
     verdict = found(part_of(plate, tmp_path / "part.mp4", 9, 17), plate, search_range=True)
     assert "taken for the result of --range 9:17" in verdict.notes[0]
     assert [one.kind for one in verdict.findings] == ["sound"]
+
+
+def test_result_of_the_first_frames_is_compared_with_these_and_noted(source, tmp_path):
+    result = part_of(source, tmp_path / "part.mp4", 0, 8)
+    verdict = found(result, source, search_range=True)
+    assert verdict.frames == (8, 8) and verdict.of("frames") == []
+    assert "taken for the result of --range 0:8" in verdict.notes[0]
+    assert "--range 0: is for all" in verdict.notes[0]
 
 
 def test_truncated_result_is_reported_with_the_range_that_would_explain_it(source, tmp_path):

@@ -12,6 +12,7 @@ from nlens_video.check.series import (
     second_difference,
     standard_error,
     steps,
+    undone,
 )
 
 SMOOTH = 0.3 * np.sin(np.arange(60) / 9.0)
@@ -95,3 +96,33 @@ def test_freeze_is_found_between_two_movements():
 )
 def test_starting_stopping_or_slowing_down_is_not_a_freeze(motion):
     assert freezes(np.array(motion, float), 0.5) == []
+
+
+def test_a_value_off_alone_is_undone_by_its_neighbours():
+    values = np.linspace(0.0, 40.0, 21)
+    values[9] += 3.0
+    expected = np.zeros(21)
+    expected[9] = 3.0
+    np.testing.assert_allclose(undone(second_difference(values)), expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        0.3 * np.arange(24.0) ** 2,
+        6.0 * np.abs(np.arange(24.0) - 11.0) - 0.2 * (np.arange(24.0) - 11.0) ** 2,
+        6.0 * np.abs(np.arange(24.0) - 11.4),
+        5.0 * np.minimum(np.arange(24.0), 12.0),
+        4.0 * np.sin(0.6 * np.arange(24.0)),
+        9.0 * (np.arange(24.0) > 11.0),
+    ],
+    ids=["speeding up", "bouncing", "turning between frames", "stopping", "swinging", "leaping"],
+)
+def test_what_neighbours_do_not_undo_is_none(values):
+    assert np.abs(undone(second_difference(values))).max() < 0.3
+
+
+def test_values_that_go_to_and_fro_while_they_speed_up_are_undone_all_along():
+    at = np.arange(24.0)
+    bend = second_difference(0.2 * at * at + 0.5 * (-1.0) ** at)
+    np.testing.assert_allclose(np.abs(undone(bend))[2:-2], 1.0, atol=0.1)

@@ -5,8 +5,13 @@ from fractions import Fraction
 import av
 import cv2
 import numpy as np
+from av.video.reformatter import Interpolation
 
 WIDTH, HEIGHT, FRAMES, RATE = 320, 192, 24, 25
+
+
+# swscale truncates otherwise, and darkens by a level
+_UNBIASED = Interpolation.BICUBIC | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
 
 
 def texture(shape, seed, softest=3):
@@ -30,12 +35,17 @@ def plate(number, *, pan=2.0):
     return cv2.warpAffine(WORLD, move, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
 
 
-def with_object(picture, number, *, sigma=1.5, detail=1.0):
-    """A patterned disc that slides over a picture, blurred, its detail scaled."""
+def with_object(picture, number, *, sigma=1.5, detail=1.0, place=None, gains=(1, 1, 1)):
+    """A patterned disc that slides over a picture, blurred, its detail and its colours scaled.
+
+    `place` is that of its middle, by default on a straight line.
+    """
+    x, y = (88 + 3.0 * number, 88 + 1.5 * number) if place is None else place
     layer = np.zeros((96, 96, 4), np.float32)
     cv2.circle(layer, (48, 48), 30, (1, 1, 1, 1), -1)
     layer[..., :3] *= np.clip(SKIN.mean((0, 1)) + detail * (SKIN - SKIN.mean((0, 1))), 0, 1)
-    move = np.array([[1, 0, 40 + 3.0 * number], [0, 1, 40 + 1.5 * number]], np.float32)
+    layer[..., :3] *= np.array(gains, np.float32)
+    move = np.array([[1, 0, x - 48], [0, 1, y - 48]], np.float32)
     spread = cv2.warpAffine(layer, move, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
     blurred = cv2.GaussianBlur(spread, (0, 0), sigma)
     return blurred[..., :3] + (1 - blurred[..., 3:]) * picture
@@ -78,11 +88,29 @@ def _tone(out, sound, at, shift_s):
     out.mux(sound.encode(block))
 
 
+def coded_again(source, path, codec, pixels, options):
+    """The samples of a file in another codec."""
+    with av.open(str(source)) as given, av.open(str(path), "w") as out:
+        shown = given.streams.video[0]
+        stream = out.add_stream(codec, rate=RATE)
+        stream.width, stream.height = shown.width, shown.height
+        stream.pix_fmt, stream.options = pixels, options
+        for number, frame in enumerate(given.decode(shown)):
+            coded = frame.reformat(format=pixels, interpolation=_UNBIASED)
+            coded.pts, coded.time_base, coded.pict_type = number, Fraction(1, RATE), 0
+            out.mux(stream.encode(coded))
+        out.mux(stream.encode())
+    return path
+
+
 def decode(path):
     """The pictures of a file, in [0, 1]."""
     with av.open(str(path)) as source:
         for frame in source.decode(video=0):
-            yield frame.to_ndarray(format="rgb24", src_colorspace="ITU709").astype(np.float32) / 255
+            picture = frame.reformat(
+                format="rgb24", src_colorspace="ITU709", interpolation=_UNBIASED
+            )
+            yield picture.to_ndarray().astype(np.float32) / 255
 
 
 def composite(source, path, *, looks=None, times=None, **options):

@@ -1,0 +1,228 @@
+"""Findings on an object over time: jumps, steps, flicker and freezes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.check.regions import SECTORS, Track
+from nlens_video.check.series import (
+    flicker,
+    freezes,
+    outliers,
+    second_difference,
+    standard_error,
+    steps,
+    undone,
+)
+from nlens_video.check.verdict import Finding, at, runs
+from nlens_video.core.layers import Float64
+
+Frames = npt.NDArray[np.int64]
+_STEP = 0.08  # limit of a lasting change within one frame, as a share [1]
+_POP = 0.15  # limit of a jump on a single frame, as a share [1]
+_FLICKER = 0.015  # limit of the amplitude of flicker, as a share [1]
+_SMALL = 0.13  # the same limit times the root of the number of blocks, for small objects
+_JUMP_PX, _JITTER_PX = 0.75, 0.4  # limits of a place on a single frame, and of its amplitude [px]
+_STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
+_DARK = 8.0  # added to light, so that noise in the dark is no change [level]
+_COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """One quantity on every frame of a span.
+
+    Attributes:
+        values: its logarithm (n,), measured in one or more ways; a change shows in all of them.
+        bend: its difference from the mean of its neighbours, (n,).
+        error: standard error of the bend.
+    """
+
+    values: tuple[Float64, ...]
+    bend: Float64
+    error: Float64 | float = 0.0
+
+
+def judge_object(track: Track) -> list[Finding]:
+    """Jumps, flicker and freezes of one object, but for frames on which something passes it."""
+    frames = np.array(track.frames, np.int64)
+    span = np.arange(frames[0], frames[-1] + 1)
+    found = [
+        at("pop", gap, 1.0, "the object is missing")
+        for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
+        if not _beside(track.disturbed, *gap)
+    ]
+    # an object of few blocks varies more
+    blocks = max(float(np.median(np.array(track.area))), 1.0)
+    limit = max(_FLICKER, _SMALL / float(np.sqrt(blocks)))
+    for name, series in _series(track, span).items():
+        found += _judge_share(name, series, span, limit)
+    lights = zip(_COLOURS, _lights(track, span), strict=True)
+    found += _strongest(
+        [one for name, of in lights for one in _judge_share(f"{name} light", of, span, limit)]
+    )
+    still = _judge_freezes(track, span)
+    frozen = {index for one in still for index in range(one.frame or 0, (one.last or 0) + 1)}
+    found += _strongest(
+        [
+            one
+            for bend in _places(track, span)
+            for one in _judge_place(bend, span)
+            if one.frame not in frozen  # which leaves its way for this frame
+        ]
+    )
+    return found + still
+
+
+def median_bends(track: Track) -> tuple[float, float]:
+    """Median |bend| of an object's sharpness and coverage, as shares [1]."""
+    series = _series(track, np.arange(track.first, track.last + 1)).values()
+    sharpness, coverage = (float(np.median(np.abs(one.bend))) for one in series)
+    return sharpness, coverage
+
+
+def _judge_share(name: str, series: _Series, span: Frames, limit: float) -> list[Finding]:
+    """Flicker, jumps and steps of a quantity whose changes count by their share."""
+    found = []
+    for first, last, amplitude in flicker(series.bend, limit, series.error):
+        words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
+        found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
+    jumps = outliers(series.bend, _POP, series.error)
+    for place, jump in jumps:
+        index = int(span[place])
+        words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {_POP:.0%})"
+        found.append(at("pop", (index, index), jump, words))
+    jumped = {place for place, _ in jumps}
+    step_limit = _STEP * limit / _FLICKER
+    own, *against = (dict(steps(values, step_limit)) for values in series.values)
+    for place, size in own.items():
+        if not jumped & {place - 1, place} and all(place in other for other in against):
+            index = int(span[place])
+            words = f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
+            found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
+    return found
+
+
+def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
+    """Frames on which the object stands still between others on which it moves."""
+    motion = _on(span, np.array(track.frames, np.int64), np.array(track.motion))
+    return [
+        at(
+            "freeze", (int(span[first]), int(span[last])), float(motion[first]),
+            "the object stands still, and moves before and after",
+        )
+        for first, last in freezes(np.nan_to_num(motion), _STILL)
+        if not _beside(track.disturbed, int(span[first]), int(span[last]))
+    ]  # fmt: skip
+
+
+def _judge_place(bend: Float64, span: Frames) -> list[Finding]:
+    """Jumps and jitter of the place along one axis."""
+    found = []
+    for first, last, amplitude in flicker(bend, _JITTER_PX):
+        words = f"the object goes to and fro by {amplitude:.1f} px (limit {_JITTER_PX:g} px)"
+        found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
+    for place, jump in outliers(bend, _JUMP_PX):
+        index = int(span[place])
+        words = f"the object lies {abs(jump):.1f} px off its way (limit {_JUMP_PX:g} px)"
+        found.append(at("pop", (index, index), jump, words))
+    return found
+
+
+def _strongest(findings: list[Finding]) -> list[Finding]:
+    """Of findings of one kind on common frames, which one event causes, the strongest."""
+    kept: list[Finding] = []
+    for one in sorted(findings, key=lambda one: -abs(one.value)):
+        if not any(_overlap(one, other) for other in kept):
+            kept.append(one)
+    return sorted(kept, key=lambda one: one.frame or 0)
+
+
+def _overlap(one: Finding, other: Finding) -> bool:
+    spans = (one.frame or 0, one.last or 0), (other.frame or 0, other.last or 0)
+    return one.kind == other.kind and spans[0][0] <= spans[1][1] and spans[1][0] <= spans[0][1]
+
+
+def _beside(disturbed: set[int], first: int, last: int) -> bool:
+    """Whether something passes on some frames or on their neighbours."""
+    return not disturbed.isdisjoint(range(first - 1, last + 2))
+
+
+def _series(track: Track, span: Frames) -> dict[str, _Series]:
+    """Sharpness and coverage.
+
+    Coverage is not judged where the object touches the frame's edge, which crops it, and neither is
+    where something passes.
+    """
+    frames, clear = np.array(track.frames, np.int64), _clear(track)
+    sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
+    sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
+    log_area = np.log(np.maximum(np.array(track.area), 1e-3))
+    area = _on(span, frames, np.where(clear & np.array(track.whole, bool), log_area, np.nan))
+    return {
+        "sharpness": _Series((sharpness,), _bend(sharpness), standard_error(sectors)),
+        "coverage": _Series((area,), _bend(area)),
+    }
+
+
+def _lights(track: Track, span: Frames) -> list[_Series]:
+    """Mean red, green and blue of the object: with its shadow, without, and against the plate's.
+
+    They are judged where coverage is.
+    """
+    clear = _clear(track) & np.array(track.whole, bool)
+    own, plate = (
+        np.log(_DARK + np.maximum(np.array(one).reshape(len(clear), -1, len(_COLOURS)), 0.0))
+        for one in (track.light, track.plate_light)
+    )
+    kinds = np.concatenate([own, own - plate], axis=1)
+    whole = _on(
+        span, np.array(track.frames, np.int64), np.where(clear[:, None, None], kinds, np.nan)
+    )
+    found = []
+    for colour in np.moveaxis(whole, 2, 0):
+        values = tuple(colour.T)
+        found.append(_Series(values, _least([_bend(one) for one in values])))
+    return found
+
+
+def _places(track: Track, span: Frames) -> list[Float64]:
+    """How far the object lies from its way on each frame, right and down, (n,) each [px].
+
+    What it shares with the plate is the camera's, what it does with its shadow alone the shadow's.
+    """
+    clear = _clear(track)
+    own, plate = (
+        np.array(one).reshape(len(clear), -1, 2) for one in (track.steps, track.plate_steps)
+    )
+    kinds = np.where(clear[:, None, None], np.concatenate([own, own - plate], axis=1), np.nan)
+    step = _on(span, np.array(track.frames, np.int64), kinds)
+    bend = np.zeros(step.shape)
+    bend[:-1] = np.nan_to_num(0.5 * (step[:-1] - step[1:]))
+    return [_least([undone(kind) for kind in axis.T]) for axis in np.moveaxis(bend, 2, 0)]
+
+
+def _clear(track: Track) -> npt.NDArray[np.bool_]:
+    """Frames on which nothing passes, nor on their neighbours."""
+    return np.array([not _beside(track.disturbed, index, index) for index in track.frames])
+
+
+def _bend(values: Float64) -> Float64:
+    return np.asarray(np.nan_to_num(second_difference(values)))
+
+
+def _least(bends: list[Float64]) -> Float64:
+    """Of some bends the one nearest to 0; 0 where they go different ways."""
+    every = np.stack(bends)
+    nearest = np.sign(every[0]) * np.abs(every).min(axis=0)
+    return np.where(np.abs(np.sign(every).sum(axis=0)) == len(every), nearest, 0.0)
+
+
+def _on(span: Frames, frames: Frames, values: Float64) -> Float64:
+    """Values on every frame of the span, NaN where the region was not found."""
+    whole = np.full((len(span), *values.shape[1:]), np.nan)
+    whole[frames - span[0]] = values
+    return whole
