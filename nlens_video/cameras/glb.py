@@ -142,7 +142,7 @@ def _key(
     aspect: float,
     rate: Fraction,
 ) -> CameraKey:
-    pose = rigid(hierarchy.world(motion.apply(hierarchy.rest, time_s))[camera.node])
+    pose = rigid(hierarchy.oriented(motion.apply(hierarchy.rest, time_s))[camera.node])
     yfov = camera.yfov_at(motion, time_s)
     return CameraKey(
         index=round(time_s * rate),

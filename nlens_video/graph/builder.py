@@ -23,6 +23,7 @@ from nlens_video.graph.base.context import (
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
 from nlens_video.graph.base.profiler import Profiler
+from nlens_video.graph.base.timeline import moments_of
 from nlens_video.graph.base.view import View, begins_in_frame
 from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
@@ -58,7 +59,7 @@ def open_dependencies(
         SceneError: there is no node of the footprint's name.
         InputError: layers, holdout or environment map cannot be read.
     """
-    ground = shadow_scene(objects, scene)
+    ground = replace(shadow_scene(objects, scene), moments=moments_of(scene, view.length_s))
     request = EffectRequest.parse(lens.effects)
     possible = {spec.type.effect for spec in pipeline.nodes}.intersection(request.possible)
     again = plate.again if OCCLUSION in possible else None

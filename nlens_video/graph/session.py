@@ -16,9 +16,11 @@ from nlens_video.graph.adaptive_quality import (
 )
 from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import CocEstimator, NodeContext
+from nlens_video.graph.base.ground_level import note_on_ground
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
+from nlens_video.graph.base.timeline import notes_on_timing
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import (
     Built,
@@ -163,6 +165,7 @@ def open_session(
     if scene is None:
         scene = load_scene(objects)
     staged = stage(objects, scene, view)
+    ground_given = objects.ground_y is not None
     objects, scene, view = staged.objects, staged.scene, staged.view
     coc = BegunCoc(estimate_coc or lazy_coc_estimator(view.pixel_aspect, device), profiler)
     context, effects = open_dependencies(
@@ -195,7 +198,14 @@ def open_session(
         decisions=effects.decisions,
         device=device,
         quality=quality,
-        opening_notes=(*staged.notes, *scene.warnings, *effects.notes, *graph.notes),
+        opening_notes=(
+            *staged.notes,
+            *scene.warnings,
+            *notes_on_timing(scene, view),
+            *(() if ground_given else (note_on_ground(context.objects, context.ground_height),)),
+            *effects.notes,
+            *graph.notes,
+        ),
     )
 
 

@@ -24,7 +24,7 @@ from nlens_video.graph.scheduler import run_in_thread
 from nlens_video.graph.session import LensPasses, Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
 from nlens_video.run.lens_request import lens_request
-from nlens_video.run.plate_source import frame_s, opened
+from nlens_video.run.plate_source import frame_s, length_s, opened
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_samples import FitSamples
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -146,7 +146,7 @@ def take_in(
     """
     if settings.late == "drop" and source.info.kind != "stream":
         raise UsageError(
-            f"--late drop: {source.info.name} is a {source.info.kind}, which drops no frames; "
+            f"--on-late drop: {source.info.name} is a {source.info.kind}, which drops no frames; "
             "leave it out, or pipe the plate in"
         )
     frames = (
@@ -223,6 +223,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
         solved = read_camera(file, size, info.average_rate, info.time_base, info.pixel_aspect)
     return View(
         frame_s=frame_s(info),
+        length_s=length_s(info),
         width=info.width,
         height=info.height,
         pixel_aspect=info.pixel_aspect,

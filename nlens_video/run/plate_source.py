@@ -81,3 +81,12 @@ def frame_s(info: SourceInfo) -> float:
     if info.kind == "still" or not info.average_rate:
         return 0.0
     return float(1 / info.average_rate)
+
+
+def length_s(info: SourceInfo) -> float | None:
+    """How long a plate is, 0 for a still, None where it is not known [s]."""
+    if info.kind == "stream":
+        return None
+    if info.kind == "still":
+        return 0.0
+    return info.duration_s or frame_s(info) * (info.frame_count or 0) or None

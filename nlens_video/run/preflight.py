@@ -152,7 +152,7 @@ def _check_files(objects: ObjectSettings) -> None:
     for option, spec in (
         ("--layers", objects.layers),
         ("--holdout", objects.real.holdout),
-        ("--env", objects.light.env),
+        ("--env-map", objects.light.env),
     ):
         if spec is not None and not ImageSequence.matches(str(spec)) and not Path(spec).is_file():
             raise InputError(f"{option} {spec}: no such file")

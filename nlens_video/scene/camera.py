@@ -6,12 +6,14 @@ The only place where glTF's axes (Y up, camera looks along -Z) meet the picture'
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import Note, NoteKind, SceneError
+from nlens_video.core.errors import MissingCameraError, Note, NoteKind, SceneError
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
@@ -258,18 +260,39 @@ def read_cameras(document: Document, visible: frozenset[int]) -> tuple[Perspecti
     return tuple(cameras)
 
 
+def chosen_camera(cameras: Sequence[Perspective], name: str | None, path: Path) -> Perspective:
+    """The camera of a name, of itself or its node; the first for None.
+
+    Raises:
+        SceneError: the file has no such camera.
+    """
+    if not cameras:
+        raise MissingCameraError(
+            f"{path}: no perspective camera; give the plate's by --camera-from CAMERA (found by "
+            "`nlens-video solve`), or place the object with --at X,Y --size S --yaw D --horizon H "
+            "(`nlens-video place` shows choices), or add one in the modelling program and export it"
+        )
+    if name is None:
+        return cameras[0]
+    for camera in cameras:
+        if name in (camera.name, camera.node_name):
+            return camera
+    known = ", ".join(camera.name for camera in cameras)
+    raise SceneError(f"{path}: no camera is named '{name}'; expected one of {known}")
+
+
 def rigid(world: Float64) -> Float64:
     """A node's world matrix (4, 4) without scale and shear: what a camera sees along -Z, Y up.
 
     Raises:
-        SceneError: the node is scaled to zero.
+        SceneError: the matrix has no direction.
     """
     back, up = world[:3, 2], world[:3, 1]
     z = back / max(float(np.linalg.norm(back)), 1e-300)
     x = np.cross(up, z)
     length = float(np.linalg.norm(x))
     if length == 0.0:
-        raise SceneError("its node is scaled to zero; give it a scale")
+        raise SceneError("the matrix of its node has no direction; give it a scale other than 0")
     x = x / length
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = x, np.cross(z, x), z, world[:3, 3]

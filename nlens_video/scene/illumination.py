@@ -104,12 +104,12 @@ def pose_light(light: Light, world: Float64) -> PosedLight:
     """A light on a node whose world matrix is (4, 4); it shines along the node's -Z.
 
     Raises:
-        SceneError: the node has no extent, so there is no direction.
+        SceneError: the matrix has no direction.
     """
     forward = -world[:3, 2]
     length = float(np.linalg.norm(forward))
     if length == 0.0:
-        raise SceneError("a light's node is scaled to zero; give it a scale")
+        raise SceneError("the matrix of its node has no direction; give it a scale other than 0")
     return PosedLight(light, world[:3, 3].copy(), forward / length)
 
 
@@ -179,13 +179,17 @@ class Illumination:
         lamps = (from_lamp(lamp, point) for lamp in self.lamps if reaches(lamp, float(point[1])))
         return np.asarray(sum(lamps, self.irradiance_around(_UP)))
 
-    def facing(self, point: Float64) -> float:
-        """Luminous irradiance of surfaces at a point (3,) that face each of the lamps, summed."""
+    def facing(self, point: Float64, nearest: float = 0.0) -> float:
+        """Luminous irradiance of surfaces at a point (3,) that face each of the lamps, summed.
+
+        Lamps that are nearer than `nearest` count as if they were there [scene unit].
+        """
+        least2 = max(nearest**2, np.finfo(np.float64).tiny)
         found = 0.0
         for lamp in self.lamps:
             light, away = lamp.posed.light, point - lamp.posed.position
             near = light.kind != "directional"
-            distance2 = max(float(away @ away), np.finfo(np.float64).tiny) if near else 1.0
+            distance2 = max(float(away @ away), least2) if near else 1.0
             found += light.intensity * float(np.array(light.color) @ LUMINANCE) / distance2
         return found
 

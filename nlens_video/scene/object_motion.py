@@ -106,6 +106,11 @@ class ObjectMotion:
         """Whether it changes with time."""
         return self.place.moves or self.turn.moves or self.scale.moves
 
+    @property
+    def end_s(self) -> float:
+        """Time of its last key [s]."""
+        return max(float(one.times_s[-1]) for one in (self.place, self.turn, self.scale))
+
     def place_at(self, time_s: float) -> Float64:
         """The point of the shared world (3,) where it stands at a time [s]."""
         return np.asarray(self.axes @ self.place.at(time_s))

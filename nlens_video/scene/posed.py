@@ -1,4 +1,4 @@
-"""Posed geometry: world-space vertices at one moment (morph, then skin or node), and their hull."""
+"""Posed geometry: world-space vertices at one moment (morph, then skin or node)."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.native import kernels
-from nlens_video.scene.gltf.fields import check_range
 from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals, unit
 from nlens_video.scene.gltf.nodes import Skin
 from nlens_video.scene.illumination import PosedLight
 
+_SINGULAR = 1e-9  # size along an axis by that along the longest, which is none [1]
 _CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
 
 
@@ -29,6 +28,7 @@ class PosedMesh:
         positions: world positions (V, 3) [scene unit].
         normals: unit normals (V, 3) in the world, out of the surface.
         mirrored: whether faces appear clockwise from the front.
+        drawn: whether any of its triangles may have an area, which a scale of 0 takes from all.
         near: the same with the scene's `origin` as that of the world; None where it has none.
     """
 
@@ -36,6 +36,7 @@ class PosedMesh:
     positions: Float32
     normals: Float32
     mirrored: bool
+    drawn: bool = True
     near: PosedMesh | None = None
 
     @property
@@ -75,22 +76,40 @@ class PosedScene:
         meshes = tuple(mesh.near or mesh for mesh in self.meshes)
         return PosedScene(self.time_s, meshes, tuple(lights))
 
+    @property
+    def drawn(self) -> tuple[PosedMesh, ...]:
+        """Those of the meshes that are drawn; none where all are scaled to 0."""
+        return tuple(mesh for mesh in self.meshes if mesh.drawn)
+
     def vertices(self) -> Float32:
-        """All world positions (V, 3); float64 where float32 holds them badly [scene unit]."""
+        """World positions (V, 3) of what is drawn, of all where nothing is [scene unit].
+
+        In float64 where float32 holds them badly.
+        """
+        return self._positions(self.drawn or self.meshes)
+
+    def points(self) -> tuple[Float32, Bool]:
+        """All positions (V, 3), as many at all times, and which of them are drawn (V,)."""
+        drawn = np.repeat(
+            [mesh.drawn for mesh in self.meshes], [len(mesh.positions) for mesh in self.meshes]
+        )
+        return self._positions(self.meshes), drawn
+
+    def _positions(self, meshes: Sequence[PosedMesh]) -> Float32:
         if self.origin is None:
-            return np.concatenate([mesh.positions for mesh in self.meshes])
+            return np.concatenate([mesh.positions for mesh in meshes])
         # few callers ask for the type, and those convert
-        return cast("Float32", np.concatenate([mesh.exact(self.origin) for mesh in self.meshes]))
+        return cast("Float32", np.concatenate([mesh.exact(self.origin) for mesh in meshes]))
 
     def triangles(self) -> tuple[Float32, Int32]:
         """All world positions (V, 3) [scene unit] and the faces (F, 3) that index them."""
         counts = [len(mesh.positions) for mesh in self.meshes]
         starts = np.cumsum([0, *counts[:-1]], dtype=np.int32)
         faces = [mesh.faces + start for mesh, start in zip(self.meshes, starts, strict=True)]
-        return self.vertices(), np.concatenate(faces)
+        return self._positions(self.meshes), np.concatenate(faces)
 
     def bounds(self) -> Float32:
-        """Lowest and highest corner (2, 3) of the box around all vertices [scene unit]."""
+        """Lowest and highest corner (2, 3) of the box around `vertices` [scene unit]."""
         vertices = self.vertices()
         return np.stack([vertices.min(axis=0), vertices.max(axis=0)])
 
@@ -213,7 +232,8 @@ class Instance:
             linear = carriers[:3, :3]
             placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
             turned = unit(normals @ _cofactor(linear).T.astype(np.float32))
-            mirrored = bool(np.linalg.det(linear) < 0.0)
+            determinant = float(np.linalg.det(linear))
+            mirrored, drawn = determinant < 0.0, _keeps_areas(linear, determinant)
         else:
             matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
             placed, turned = np.empty_like(positions), np.empty_like(normals)
@@ -224,10 +244,11 @@ class Instance:
             # by sides alone: a joint that is scaled up carries no more of the surface
             sides = np.sign(np.linalg.det(carriers[:, :3, :3]))
             mirrored = bool(sides @ self._carried < 0.0)
+            drawn = not _in_one_point(carriers[self._carried > 0.0])
         if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
             turned = -turned if mirrored else turned
-        return PosedMesh(self.geometry, placed, turned, mirrored)
+        return PosedMesh(self.geometry, placed, turned, mirrored, drawn)
 
     def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:
         active = np.flatnonzero(weights)
@@ -242,6 +263,19 @@ class Instance:
         return morphed(own.positions, own.targets), morphed(own.normals, own.target_normals)
 
 
+def _keeps_areas(linear: Float64, determinant: float) -> bool:
+    """Whether a matrix (3, 3) leaves any area, as one scaled to 0 along two axes does not."""
+    if abs(determinant) > _SINGULAR * float(np.abs(linear).max()) ** 3:
+        return True
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    return bool(sizes[1] > _SINGULAR * sizes[0])
+
+
+def _in_one_point(carriers: Float64) -> bool:
+    """Whether joints (J, 4, 4) carry all they hold to the same point."""
+    return not carriers[:, :3, :3].any() and bool((carriers == carriers[:1]).all())
+
+
 def _cofactor(linear: Float64) -> Float64:
     """What turns normals (3, 3): the inverse transpose, up to scale, also of a singular matrix.
 
@@ -254,35 +288,3 @@ def _cofactor(linear: Float64) -> Float64:
     sign = -1.0 if float(np.dot(a, cofactor[0])) < 0.0 else 1.0
     largest = float(np.abs(cofactor).max())
     return np.asarray(cofactor * (sign / largest) if largest > 0.0 else np.eye(3))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hull:
-    """Boxes round all vertices, each carried by a node.
-
-    Attributes:
-        nodes: what carries each (B,).
-        corners: in its space, homogeneous, as columns (B, 4, 8).
-    """
-
-    nodes: npt.NDArray[np.int64]
-    corners: Float64
-
-    @classmethod
-    def of(cls, instances: Sequence[Instance], weights: dict[int, Float64]) -> Hull:
-        """That of all instances, with animated morph weights by node."""
-        boxes = [instance.boxes(weights.get(instance.node)) for instance in instances]
-        return cls(
-            np.array([node for nodes, _ in boxes for node in nodes], np.int64),
-            np.concatenate([corners for _, corners in boxes]),
-        )
-
-    def at(self, world: Float64) -> Float64:
-        """The corners in the world (8 B, 3), for world matrices of all nodes (N, 4, 4).
-
-        Raises:
-            SceneError: one lies beyond what float32 can multiply.
-        """
-        carried = world[self.nodes, :3] @ self.corners
-        check_range(carried, "a vertex or a skin's joint")
-        return np.swapaxes(carried, 1, 2).reshape(-1, 3)

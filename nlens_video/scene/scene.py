@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nlens_video.core.errors import MissingCameraError, Note, NoteKind, SceneError
+from nlens_video.core.errors import Note, NoteKind, SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import ONCE, Playback
-from nlens_video.scene.camera import Camera, Perspective, read_cameras, rigid
+from nlens_video.scene.camera import Camera, Perspective, chosen_camera, read_cameras, rigid
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.animation_reader import read_animations
 from nlens_video.scene.gltf.animations import Animation, listed
@@ -32,6 +32,7 @@ from nlens_video.scene.scene_part import (
     far_origin,
     read_instances,
 )
+from nlens_video.scene.welding import without_strays
 
 _MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
 _Moments = tuple[Moment, ...]
@@ -44,11 +45,12 @@ class Scene:
 
     Attributes:
         parts: what each file brings; the world and the cameras are those of the first.
+        camera_motion: what moves and zooms the cameras, at the plate's own time.
     """
 
     parts: tuple[ScenePart, ...]
     _hierarchy: Hierarchy
-    _camera_motion: Animation
+    camera_motion: Animation
     _cameras: tuple[Perspective, ...]
     _warnings: list[str] = field(default_factory=list)
     _moved: Callable[[_Moments], tuple[Moved, ...]] = field(init=False)
@@ -89,7 +91,8 @@ class Scene:
     ) -> Scene:
         accessors = AccessorReader(document)
         hierarchy = read_hierarchy(document, scene)
-        meshes = read_meshes(document, accessors, read_materials(document))
+        read = read_meshes(document, accessors, read_materials(document))
+        meshes = tuple(without_strays(mesh, document) for mesh in read)
         instances = read_instances(document, hierarchy, meshes, read_skins(document, accessors))
         morphs = {i.node: len(i.weights) for i in instances}
         animations = read_animations(document, accessors, hierarchy, morphs)
@@ -101,7 +104,7 @@ class Scene:
             hierarchy,
             animations.chosen(playback.animation),
             instances,
-            tuple((n, light) for n, light in read_lights(document) if n in hierarchy.visible),
+            tuple((n, light) for n, light in read_lights(document) if n in hierarchy.drawn),
             tuple(node.name for node in document.items("nodes")),
         )
         carrying = hierarchy.with_ancestors(camera.node for camera in cameras)
@@ -144,7 +147,7 @@ class Scene:
     @property
     def moves(self) -> bool:
         """Whether anything in it, the camera included, changes with time."""
-        return self._camera_motion.duration_s > 0.0 or any(part.moves for part in self.parts)
+        return self.camera_motion.duration_s > 0.0 or any(part.moves for part in self.parts)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -164,6 +167,8 @@ class Scene:
     def triangles(self, time_s: float, node: str | None = None) -> Float64:
         """World-space triangles (T, 3, 3) at a moment of the plate [scene unit].
 
+        Without those that are scaled to 0, unless all are.
+
         Args:
             time_s: moment of the plate [s].
             node: name of a node; only it and what it carries. None for all.
@@ -171,18 +176,19 @@ class Scene:
         Raises:
             SceneError: no such node carries a mesh.
         """
-        parts: list[Float64] = []
+        drawn: list[Float64] = []
+        hidden: list[Float64] = []
         origin = self._origin()
         for part, moved in zip(self.parts, self._moved(self._moments(time_s)), strict=True):
             carried = None if node is None else part.carried_by(node)
             for instance, mesh in zip(part.instances, part.meshes(moved, origin), strict=True):
                 if carried is None or instance.node in carried:
-                    parts.append(mesh.exact(origin)[mesh.faces])
-        if not parts:
+                    (drawn if mesh.drawn else hidden).append(mesh.exact(origin)[mesh.faces])
+        if not (drawn or hidden):
             known = listed([name for part in self.parts for name in part.drawn_names()])
             there = f"expected one of {known}" if known else "its objects have no names"
             raise SceneError(f"{self.path}: no object is named '{node}'; {there}")
-        return np.concatenate(parts)
+        return np.concatenate(drawn or hidden)
 
     def hull(self, time_s: float) -> Float64:
         """Points (N, 3) whose convex hull holds all triangles at a moment; cheaper than `pose`.
@@ -193,7 +199,7 @@ class Scene:
 
     def jumps(self, start_s: float, end_s: float) -> list[float]:
         """Moments of the plate between two at which something may leave its place at once [s]."""
-        steps = [time_s for time_s in self._camera_motion.steps if start_s < time_s < end_s]
+        steps = [time_s for time_s in self.camera_motion.steps if start_s < time_s < end_s]
         return steps + [time_s for part in self.parts for time_s in part.jumps(start_s, end_s)]
 
     @property
@@ -219,10 +225,10 @@ class Scene:
         return PosedScene(time_s, *self._posed(self._moments(time_s)), self._origin())
 
     def _pose(self, moments: _Moments) -> _Posed:
-        standing = list(zip(self.parts, moments, self._moved(moments), strict=True))
         origin = self._origin()
-        meshes = tuple(mesh for part, _, moved in standing for mesh in part.meshes(moved, origin))
-        lights = (part.posed_lights(moment, moved) for part, moment, moved in standing)
+        standing = zip(self.parts, self._moved(moments), strict=True)
+        meshes = tuple(mesh for part, moved in standing for mesh in part.meshes(moved, origin))
+        lights = (part.posed_lights(one) for part, one in zip(self.parts, moments, strict=True))
         return meshes, tuple(chain.from_iterable(lights))
 
     def camera(
@@ -252,7 +258,7 @@ class Scene:
                 no angle.
         """
         key = (width, height, name, pixel_aspect)
-        if not self._camera_motion.tracks and key in self._resting:
+        if not self.camera_motion.tracks and key in self._resting:
             return self._resting[key]
         chosen = self._camera(name)
         aspect = width * pixel_aspect / height
@@ -266,9 +272,9 @@ class Scene:
             if line not in self._warnings:
                 self._warnings.append(line)
         try:
-            moved = self._camera_motion.apply(self._hierarchy.rest, time_s)
-            pose = rigid(self._hierarchy.world(moved)[chosen.node])
-            yfov = chosen.yfov_at(self._camera_motion, time_s)
+            moved = self.camera_motion.apply(self._hierarchy.rest, time_s)
+            pose = rigid(self._hierarchy.oriented(moved)[chosen.node])
+            yfov = chosen.yfov_at(self.camera_motion, time_s)
         except SceneError as error:
             raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error
         self._resting = {key: Camera.from_yfov(pose, yfov, width, height, pixel_aspect)}
@@ -280,21 +286,7 @@ class Scene:
         Raises:
             SceneError: the file has no such camera.
         """
-        return self._camera_motion.zoom_ends(self._camera(name).number)
+        return self.camera_motion.zoom_ends(self._camera(name).number)
 
     def _camera(self, name: str | None) -> Perspective:
-        if not self._cameras:
-            raise MissingCameraError(
-                f"{self.path}: no perspective camera; give the plate's by --camera-from CAMERA "
-                "(`nlens-video solve` finds it), or place the object with --at X,Y --size S "
-                "--yaw D --horizon H (`nlens-video place` shows choices), or "
-                "add one in the modelling program and export it"
-            )
-        if name is None:
-            return self._cameras[0]
-        for camera in self._cameras:
-            if name in (camera.name, camera.node_name):
-                return camera
-        known = ", ".join(named for named in self.camera_names if named)
-        there = f"expected one of {known}" if known else "its cameras have no names"
-        raise SceneError(f"{self.path}: no camera is named '{name}'; {there}")
+        return chosen_camera(self._cameras, name, self.path)

@@ -29,6 +29,7 @@ _SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is kno
 _ON_OBJECT = 0.35  # exponent of what its shadow leaves, for its share on the object: level unsure
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
+_INSIDE = 0.25  # of an object's radius: no surface is nearer to a lamp than that [1]
 _STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
 _SAME = 0.9999  # cosine of an angle between directions that are one
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
@@ -67,10 +68,9 @@ class SceneLight:
         if self.count:
             found.append(f"the file's {self.count} light{'s' if self.count > 1 else ''}")
         if self.sun is not None:
-            sun_ = self.sun
-            strength = "" if sun_.strength is None else f",{sun_.strength:g}"
-            where = f"{sun_.azimuth_deg:g},{sun_.elevation_deg:g}{strength}"
-            found.append(f"--sun {where if sun_.shines else 'none'}")
+            az, el, strength = self.sun.azimuth_deg, self.sun.elevation_deg, self.sun.strength
+            where = f"{az:g},{el:g}" if strength is None else f"{az:g},{el:g},{strength:g}"
+            found.append(f"--sun {where if self.sun.shines else 'none'}")
         if self.environment is not None:
             count = len(self.environment.lamps)
             level = "" if self.exposure_given else ", at the plate's level"
@@ -80,9 +80,8 @@ class SceneLight:
             )
         else:
             found.append("the plate's own light")
-        lamps = self.count + len(self.environment.lamps if self.environment else ())
         text = f"lit by {' and '.join(found)}"
-        if lamps > MAX_LAMPS:
+        if self.count + len(self.environment.lamps if self.environment else ()) > MAX_LAMPS:
             return Note(f"{text}; of all lights the first {MAX_LAMPS}", NoteKind.LIGHTS_LIMITED)
         if len(found) == 1 and self.environment is None:
             return Note(
@@ -94,33 +93,36 @@ class SceneLight:
         return Note(text, NoteKind.INFORMATION)
 
     def around_without_sun(
-        self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...]
-    ) -> Illumination:
+        self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...],
+        strongest: float = 0.0,
+    ) -> Illumination:  # fmt: skip
         """The light beside the file's, at the plate's level unless the map's brightness is given.
 
         The file's lights stay as bright as they are, unless that burns the object out: Blender
-        exports a sun of 3 W/m2 as 2049 lx, and no file tells the exposure of the plate. For a sun
-        of `--sun` see `with_sun`.
+        exports a sun of 3 W/m2 as 2049 lx, and no file tells the exposure of the plate.
 
         Args:
             plate: scene-linear (h, w, 3), of any size.
             camera: of the frame that it shows.
             seat: where the object stands.
             lights: the file's, at that moment.
+            strongest: what `given` is at other moments, at most.
         """
         if self.environment is not None and self.exposure_given:
-            found = self.environment
-        else:
-            own = Illumination(self._lamps(lights), None)
-            level, given = level_of_ground(plate, camera, seat), own.facing(seat.middle)
-            exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
-            lamps = own.scaled(exposure).on_plane(seat.foot)
-            radiance, mirrored = plate_environment(plate, camera, seat, lamps)
-            found = reduce_environment(radiance, mirrored=mirrored)
-            if self.environment is not None and self.environment.level > 0.0:
-                found = self.environment.scaled(found.level / self.environment.level)
-            found = replace(found, exposure=exposure)
-        return found
+            return self.environment
+        level, own = level_of_ground(plate, camera, seat), Illumination(self.lamps(lights), None)
+        given = max(strongest, self.given(lights, seat))
+        exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
+        lamps = own.scaled(exposure).on_plane(seat.foot)
+        radiance, mirrored = plate_environment(plate, camera, seat, lamps)
+        found = reduce_environment(radiance, mirrored=mirrored)
+        if self.environment is not None and self.environment.level > 0.0:
+            found = self.environment.scaled(found.level / self.environment.level)
+        return replace(found, exposure=exposure)
+
+    def given(self, lights: tuple[PosedLight, ...], seat: Seat) -> float:
+        """Luminous irradiance of what faces the file's lights on an object."""
+        return Illumination(self.lamps(lights), None).facing(seat.middle, _INSIDE * seat.radius)
 
     def with_sun(
         self,
@@ -170,16 +172,15 @@ class SceneLight:
             return found[0]
         toward = None if self.sun is None else toward_sun(self.sun, camera)
         if toward is None:
-            own = _strongest(self._lamps(lights) if self.count else ())
+            own = _strongest(self.lamps(lights) if self.count else ())
             toward = None if own is None else -own[0].posed.direction
         same = toward is not None and float(-found[0].posed.direction @ toward) > _SAME
         return found[0] if same else None
 
-    def _lamps(self, lights: tuple[PosedLight, ...]) -> tuple[Lamp, ...]:
+    def lamps(self, lights: tuple[PosedLight, ...]) -> tuple[Lamp, ...]:
         """Those of the file's lights that shine: a sun that is given stands in for its suns."""
-        return tuple(
-            Lamp(one) for one in lights if self.sun is None or one.light.kind != "directional"
-        )
+        kept = (one for one in lights if self.sun is None or one.light.kind != "directional")
+        return tuple(map(Lamp, kept))
 
     def _toward_sun(self, camera: Camera, lights: tuple[PosedLight, ...]) -> Float64 | None:
         """Direction (3,) to a sun of which all but the share of its light is given."""
@@ -196,7 +197,7 @@ class SceneLight:
         """
         if self.sun is not None:
             return toward_sun(self.sun, camera) if self.sun.shines else None
-        own = self._lamps(lights) if self.count else ()
+        own = self.lamps(lights) if self.count else ()
         around = () if self.environment is None else self.environment.lamps
         strongest = _strongest((*own, *around))
         return None if strongest is None else -strongest[0].posed.direction
@@ -210,7 +211,7 @@ class SceneLight:
             lights: the file's, at this moment.
             plate_light: from `with_sun`; None where no plate is known.
         """
-        own = self._lamps(lights) if self.count else ()
+        own = self.lamps(lights) if self.count else ()
         rest = plate_light or self.environment
         if rest is not None:
             own = Illumination(own, None).scaled(rest.exposure).lamps
@@ -289,10 +290,9 @@ def _with_sun(
 ) -> Illumination:
     """The light with its level shared between a sun and what it was."""
     level = light.on_plane(seat.foot)
-    share = SUN_STRENGTH / (1.0 + SUN_STRENGTH)
-    if given.strength is not None:
-        share = given.strength / (1.0 + given.strength)
-    elif left is not None:
+    strength = SUN_STRENGTH if given.strength is None else given.strength
+    share = strength / (1.0 + strength)
+    if given.strength is None and left is not None:
         share = 1.0 - float(left @ LUMINANCE)
     toward = toward_sun(given, camera)
     lamp = sun(share * level / toward[1], -toward)

@@ -8,17 +8,19 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import Playback
 from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.fields import check_range
 from nlens_video.scene.gltf.meshes import TriangleMesh
 from nlens_video.scene.gltf.nodes import Hierarchy, Skin
 from nlens_video.scene.illumination import Light, PosedLight, pose_light
 from nlens_video.scene.object_motion import ObjectMotion
-from nlens_video.scene.posed import Hull, Instance, PosedMesh
+from nlens_video.scene.posed import Instance, PosedMesh
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
@@ -29,6 +31,38 @@ Moment = tuple[float, float]
 """Moments of a part's animation and of its motion as a whole [s]; equal ones show the same."""
 Moved = tuple[Float64, dict[int, Float64]]
 """World matrices of all nodes (N, 4, 4); animated morph weights by node."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hull:
+    """Boxes round all vertices, each carried by a node.
+
+    Attributes:
+        nodes: what carries each (B,).
+        corners: in its space, homogeneous, as columns (B, 4, 8).
+    """
+
+    nodes: npt.NDArray[np.int64]
+    corners: Float64
+
+    @classmethod
+    def of(cls, instances: Sequence[Instance], weights: dict[int, Float64]) -> Hull:
+        """That of all instances, with animated morph weights by node."""
+        boxes = [instance.boxes(weights.get(instance.node)) for instance in instances]
+        return cls(
+            np.array([node for nodes, _ in boxes for node in nodes], np.int64),
+            np.concatenate([corners for _, corners in boxes]),
+        )
+
+    def at(self, world: Float64) -> Float64:
+        """The corners in the world (8 B, 3), for world matrices of all nodes (N, 4, 4).
+
+        Raises:
+            SceneError: one lies beyond what float32 can multiply.
+        """
+        carried = world[self.nodes, :3] @ self.corners
+        check_range(carried, "a vertex or a skin's joint")
+        return np.swapaxes(carried, 1, 2).reshape(-1, 3)
 
 
 @dataclass(slots=True)
@@ -62,6 +96,14 @@ class ScenePart:
         return self.animation.duration_s > 0.0 or (self.motion is not None and self.motion.moves)
 
     @property
+    def end_s(self) -> float:
+        """Moment of the plate from which on it rests, or plays again what it played [s]."""
+        played = self.playback
+        offset_s = 0.0 if played.loop else played.offset_s
+        own = max(0.0, (self.animation.duration_s - offset_s) / played.speed)
+        return own if self.motion is None else max(own, self.motion.end_s)
+
+    @property
     def vertices(self) -> int:
         """Vertices of all instances."""
         return sum(len(instance.geometry.positions) for instance in self.instances)
@@ -91,7 +133,7 @@ class ScenePart:
     def moved(self, moment: Moment) -> Moved:
         """Its nodes in the world."""
         played, time_s = moment
-        world = self.hierarchy.world(self.animation.apply(self.hierarchy.rest, played))
+        world = self.hierarchy.world(self._local(played))
         if self.motion is not None:
             world = self.motion.at(time_s) @ world
         return world, self.animation.weights(played)
@@ -101,18 +143,34 @@ class ScenePart:
         world, weights = moved
         return tuple(one.place(world, weights.get(one.node), origin) for one in self.instances)
 
-    def posed_lights(self, moment: Moment, moved: Moved) -> tuple[PosedLight, ...]:
-        """Its lights as `moved` has them at that moment.
+    def posed_lights(self, moment: Moment) -> tuple[PosedLight, ...]:
+        """Its lights at a moment.
 
         A lamp whose file is scaled keeps its light on what stands around it there: intensity goes
         with the square of the distance.
         """
-        world, _ = moved
-        scale = 1.0 if self.motion is None else float(self.motion.scale.at(moment[1])[0])
+        if not self.lights:
+            return ()
+        played, time_s = moment
+        world, scale = self.hierarchy.oriented(self._local(played)), 1.0
+        if self.motion is not None:
+            world = self.motion.at(time_s) @ world
+            scale = float(self.motion.scale.at(time_s)[0])
         return tuple(
-            pose_light(light if scale == 1.0 else _scaled(light, scale), world[node])
+            self._posed_light(node, light if scale == 1.0 else _scaled(light, scale), world[node])
             for node, light in self.lights
         )
+
+    def _posed_light(self, node: int, light: Light, world: Float64) -> PosedLight:
+        try:
+            return pose_light(light, world)
+        except SceneError as error:
+            named = self.node_names[node] or f"nodes[{node}]"
+            raise SceneError(f"{self.path}: light '{named}': {error}") from error
+
+    def _local(self, played: float) -> Float64:
+        """Translation, rotation and scale of its nodes at a moment of its animation (N, 10)."""
+        return self.animation.apply(self.hierarchy.rest, played)
 
     def hull(self, moved: Moved) -> Float64:
         """Points (N, 3) whose convex hull holds all triangles; see `Scene.hull`."""
@@ -164,7 +222,7 @@ def read_instances(
     meshes: tuple[TriangleMesh, ...],
     skins: tuple[Skin, ...],
 ) -> tuple[Instance, ...]:
-    """The meshes of a file where its visible nodes place them.
+    """The meshes of a file where its nodes place them that are drawn.
 
     Raises:
         SceneError: there is none, or too much of it.
@@ -174,7 +232,7 @@ def read_instances(
     for index, node in enumerate(document.items("nodes")):
         number = node.reference("mesh", len(meshes))
         skin = node.reference("skin", len(skins))
-        if number is None or index not in hierarchy.visible:
+        if number is None or index not in hierarchy.drawn:
             continue
         mesh = meshes[number]
         vertices += sum(len(geometry.positions) for geometry in mesh.geometries)
@@ -188,5 +246,6 @@ def read_instances(
             rest = np.array((*weights, *np.zeros(targets))[:targets])
             found.append(Instance(geometry, index, None if skin is None else skins[skin], rest))
     if not found:
-        raise SceneError("no triangles in its scene; expected an object to draw")
+        hidden = " (KHR_node_visibility hides some)" if hierarchy.drawn < hierarchy.visible else ""
+        raise SceneError(f"no triangles in its scene{hidden}; expected an object to draw")
     return tuple(found)

@@ -58,13 +58,13 @@ def bounds(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extent:
-    """Bounds of all vertices as a camera sees them.
+    """Bounds of all vertices that are drawn, as a camera sees them.
 
     Attributes:
         low: least column and row [px]; without meaning where `nearest` is not above 0.
         high: greatest column and row [px]; likewise.
         nearest: least depth, at or below 0 for what lies beside or behind the camera [scene unit].
-        farthest: greatest depth [scene unit].
+        farthest: greatest depth, 0 where nothing is drawn [scene unit].
     """
 
     low: tuple[float, float]
@@ -72,14 +72,38 @@ class Extent:
     nearest: float
     farthest: float
 
+    @classmethod
+    def of(cls, found: Float64) -> Extent:
+        """That of all rows (N, 6) of `bounds`."""
+        low_x, low_y, nearest = (float(v) for v in found[:, 0::2].min(axis=0))
+        high_x, high_y, farthest = (float(v) for v in found[:, 1::2].max(axis=0))
+        return cls(low=(low_x, low_y), high=(high_x, high_y), nearest=nearest, farthest=farthest)
+
+    def meets(self, box: Box) -> bool:
+        """Whether it may lie in a box of the frame; what reaches behind the camera may anywhere."""
+        if not (self.farthest > 0.0 and self.nearest > 0.0):
+            return self.farthest > 0.0
+        (x0, y0), (x1, y1) = self.low, self.high
+        return x0 < box.x1 and y0 < box.y1 and x1 > box.x0 and y1 > box.y0
+
 
 def extent(posed: PosedScene, camera: Camera) -> Extent:
-    """Bounds of all vertices; numbers that are not finite come through."""
+    """Bounds of all vertices that are drawn; numbers that are not finite come through."""
+    found = _bounds_of_drawn(posed, camera)
+    if not len(found):
+        return Extent(low=(0.0, 0.0), high=(0.0, 0.0), nearest=0.0, farthest=0.0)
+    return Extent.of(found)
+
+
+def mesh_extents(posed: PosedScene, camera: Camera) -> list[Extent]:
+    """Bounds of each mesh that is drawn."""
+    return [Extent.of(row[None]) for row in _bounds_of_drawn(posed, camera)]
+
+
+def _bounds_of_drawn(posed: PosedScene, camera: Camera) -> Float64:
+    """Rows of `bounds` of the meshes that are drawn (N, 6)."""
     lens = _frame_params(camera.about(posed.origin))
-    found = np.array([bounds(mesh.positions, lens) for mesh in posed.about_origin().meshes])
-    low_x, low_y, nearest = (float(v) for v in found[:, 0::2].min(axis=0))
-    high_x, high_y, farthest = (float(v) for v in found[:, 1::2].max(axis=0))
-    return Extent(low=(low_x, low_y), high=(high_x, high_y), nearest=nearest, farthest=farthest)
+    return np.array([bounds(mesh.positions, lens) for mesh in posed.about_origin().drawn])
 
 
 def misses(points: Float64, camera: Camera, box: Box) -> bool:

@@ -76,9 +76,9 @@ def object_guides(
         if motion is not None:
             matrix = motion.at(time_s)
             own, contact = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in (own, contact))
-        moved = np.concatenate(
-            [mesh.positions for mesh in part.meshes(part.moved(part.moment(time_s)))]
-        )
+        meshes = part.meshes(part.moved(part.moment(time_s)))
+        drawn = [mesh for mesh in meshes if mesh.drawn] or meshes
+        moved = np.concatenate([mesh.positions for mesh in drawn])
         at, size = stand(camera, contact, own)
         path, stops = ((), ()) if motion is None else _way(motion, camera)
         found.append(

@@ -5,6 +5,7 @@ import pytest
 from support.glb_builder import QUAD, QUAD_FACES, GlbBuilder
 
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import Shutter
 from nlens_video.effects.shadow.cast import blur_margin
 from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import View, bounds_near_frame
@@ -72,3 +73,20 @@ def test_shadow_is_cast_as_far_beyond_the_frame_as_its_blur_has_rows(pixel_aspec
     camera = Camera.from_yfov(np.eye(4), 0.8, WIDTH, HEIGHT, pixel_aspect)
     assert blur_margin(500.0, camera) == margin
     assert blur_margin(5000.0, camera) < 5000.0
+
+
+@pytest.mark.parametrize(("path", "shorter"), [("scale", True), ("translation", False)])
+def test_shutter_closes_where_a_part_appears_and_stays_where_one_jumps_unseen(
+    tmp_path, path, shorter
+):
+    builder = GlbBuilder()
+    mesh = builder.mesh((0.1 * QUAD).astype(np.float32), QUAD_FACES)
+    builder.node(mesh=mesh, translation=[0, 0, -DEPTH])
+    hidden = builder.node(mesh=mesh, translation=[0, 0, -DEPTH], scale=[0, 0, 0])
+    keys = {"scale": [[0, 0, 0], [1, 1, 1]], "translation": [[0, 0, -DEPTH], [0.2, 0, -DEPTH]]}
+    builder.animation((hidden, path, [0.0, 1.005], keys[path], "STEP"))
+    builder.node(camera=builder.camera(2.0 * np.arctan(HEIGHT / 2 / FOCAL)))
+    scene = Scene.load(builder.write(tmp_path / "appears.glb"))
+    source = RenderedObject(scene=scene, view=View(width=WIDTH, height=HEIGHT), renderer=None)
+    shutter = Shutter(angle_deg=360.0, frame_s=0.04)
+    assert (source.shutter_at(shutter, 1.0) != shutter) is shorter

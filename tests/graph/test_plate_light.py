@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import shots
+from support.glb_builder import GlbBuilder
 
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import decide
@@ -14,8 +15,11 @@ from nlens_video.graph.base.object_source import open_object
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import build, shadow_scene
+from nlens_video.graph.effect_plan import LensRequest, PlatePreview
 from nlens_video.graph.executor import GraphExecutor
+from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.graph.session import open_session
 from nlens_video.scene.scene import Scene
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -99,3 +103,32 @@ def test_how_dark_the_plates_own_shadows_are_is_told_once_where_it_is_used(conte
         context.renderer.render(0.0, values.bounds.camera, plate_light=seen)
     (note,) = (note for note in context.objects.notes if "shadow leaves" in note)
     assert "leaves 42 % of the light" in note
+
+
+def exposure_of(path, places, times=(0.0, 1.0)):
+    """Factor on a lamp of 5000 cd that moves between places, over a plate of two seconds."""
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh(shots.CUBE, shots.CUBE_FACES), translation=[0, 0, -1.6])
+    matrix = shots.camera_pose().T.ravel().tolist()
+    builder.node(camera=builder.camera(shots.YFOV), matrix=matrix)
+    lamp = builder.light("point", intensity=5000.0)
+    builder.animation((lamp, "translation", times, places, "LINEAR"))
+    view = View(width=shots.WIDTH, height=shots.HEIGHT, length_s=2.0)
+    objects, lens = ObjectSettings(glb=builder.write(path)), LensRequest(effects="none")
+    session = open_session(objects, lens, view, Profiler(), PlatePreview(lambda: ()))
+    (node,) = [one for one in session.graph.nodes if isinstance(one, EstimateLight)]
+    return node(ArrayPicture(shots.grey(), "rgb")).exposure
+
+
+def test_lamps_are_exposed_as_their_strongest_moment_of_the_plate_asks_for(tmp_path):
+    near, far = [0.5, 1.5, -0.6], [20.0, 30.0, 20.0]
+    always = exposure_of(tmp_path / "always.glb", [near, near])
+    assert always < 0.01
+    arrives, leaves = (exposure_of(tmp_path / "a.glb", way) for way in ([far, near], [near, far]))
+    assert arrives == pytest.approx(always, rel=0.01) and leaves == pytest.approx(always, rel=0.01)
+    assert exposure_of(tmp_path / "late.glb", [far, near], (5.0, 6.0)) == 1.0
+
+
+def test_lamp_that_passes_through_the_object_leaves_light(tmp_path):
+    inside = [0.0, 0.0, -1.6]
+    assert exposure_of(tmp_path / "inside.glb", [inside, inside]) > 1e-6

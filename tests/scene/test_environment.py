@@ -115,7 +115,7 @@ def test_invalid_environment_map_is_refused_in_one_line(tmp_path, name, write, w
     ("scene", "wanted", "words"),
     [
         (ShotFacts(lamps=2), True, "2 lights"),
-        (ShotFacts(lamps=0), True, "light around"),
+        (ShotFacts(lamps=0), True, "ambient light"),
         (ShotFacts(lamps=1, pre_rendered=True), False, "layers"),
         (ShotFacts(lamps=1, pre_rendered=True, sun=True), True, "1 light"),
         (ShotFacts(lamps=1, strength=0.0), False, "--shadow-strength 0"),

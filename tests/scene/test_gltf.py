@@ -266,7 +266,8 @@ def test_vertex_index_out_of_range_is_refused(tmp_path):
 
 def test_mesh_with_too_many_instances_is_refused_before_posing(tmp_path):
     builder = GlbBuilder()
-    mesh = builder.mesh(np.zeros((20_000, 3), np.float32))
+    positions = np.tile(QUAD, (5_000, 1))
+    mesh = builder.mesh(positions, np.arange(19_998))
     for _ in range(1001):
         builder.node(mesh=mesh)
     builder.document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0

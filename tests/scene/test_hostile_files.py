@@ -181,11 +181,20 @@ def png(width, height):
     return file.getvalue()
 
 
-def test_pictures_of_unsupported_formats_are_not_decoded(tmp_path):
+@pytest.mark.parametrize(
+    ("data", "told"),
+    [
+        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n", "is no PNG, JPEG,"),
+        (b"GIF89a" + bytes(50), "is no PNG, JPEG,"),
+        (b"DDS " + bytes(200), "is no PNG, JPEG,"),
+        (b"", "is empty"),
+    ],
+)
+def test_pictures_of_unsupported_formats_are_not_decoded(tmp_path, data, told):
     builder = rich()
-    eps = b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n%%EndComments\n"
-    builder.document["images"][0]["bufferView"] = builder.view(eps)
-    refused(builder.bytes(), tmp_path, r"images\[0\] cannot be decoded")
+    builder.document["images"][0] |= {"bufferView": builder.view(data), "mimeType": "image/x"}
+    stated = r"[^<]*\(its mimeType is 'image/x'\); export it again as PNG or JPEG$"
+    refused(builder.bytes(), tmp_path, rf"images\[0\] {told}{stated}")
 
 
 def test_depth_of_the_node_tree_is_limited(tmp_path):

@@ -96,7 +96,8 @@ def test_patches_of_a_mesh_that_grows_from_nothing_stand_for_its_area(tmp_path):
 
 def test_triangles_of_no_extent_have_no_patches(tmp_path):
     builder = GlbBuilder()
-    builder.node(mesh=builder.mesh(positions=np.zeros_like(QUAD)))
+    nowhere = np.zeros_like(QUAD)
+    builder.node(mesh=builder.mesh(nowhere, targets=[{"POSITION": nowhere}]))
     posed = Scene.load(builder.write(tmp_path / "scene.glb")).pose(0.0)
     assert Patches.of(posed).at(posed).points.shape == (0, 3)
 

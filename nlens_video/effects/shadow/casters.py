@@ -94,12 +94,17 @@ class Casters:
     edges: Int32
     transparent: tuple[TransparentCaster, ...] = ()
 
+    @property
+    def count(self) -> int:
+        """Number of vertices."""
+        return len(self.vertices) + sum(len(one.vertices) for one in self.transparent)
+
     @classmethod
     def of(cls, posed: PosedScene, cache: CasterCache) -> Casters:
-        """The casters of a scene."""
+        """What is drawn of a scene."""
         opaque: list[PosedMesh] = []
         transparent: list[TransparentCaster] = []
-        for mesh in posed.meshes:
+        for mesh in posed.drawn:
             opacity = cache.opacity(mesh.geometry)
             if opacity is None:
                 opaque.append(mesh)

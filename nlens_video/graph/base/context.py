@@ -59,6 +59,7 @@ class ShadowScene:
         pre_rendered: whether the object is a pre-rendered layer, lit elsewhere.
         strength: factor on the shadow, 1 is physical [1].
         strength_given: whether the user set it.
+        moments: a few of the whole run, whatever part of it is rendered [s].
     """
 
     pose: Callable[[float], PosedScene]
@@ -66,6 +67,7 @@ class ShadowScene:
     pre_rendered: bool
     strength: float
     strength_given: bool = False
+    moments: tuple[float, ...] = (0.0,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,7 @@ class ObjectSource(ABC):
     def places(self, time_s: float) -> Float64 | None:
         """Columns, rows [px] and depths [scene unit] (V, 3) of the vertices; None if unknown.
 
-        NaN for vertices behind the camera.
+        NaN for vertices behind the camera, and for those that are not drawn.
         """
         return None
 
@@ -139,8 +139,9 @@ class RenderedObject(ObjectSource):
     def places(self, time_s: float) -> Float64:
         """As of `ObjectSource`."""
         camera = self.camera(time_s)
-        seen = camera.to_camera(self.scene.pose(time_s).vertices().astype(np.float64))
-        before = seen[:, 2] < 0.0
+        points, drawn = self.scene.pose(time_s).points()
+        seen = camera.to_camera(points.astype(np.float64))
+        before = (seen[:, 2] < 0.0) & drawn
         if before.all():
             return np.column_stack([camera.pixels(seen), -seen[:, 2]])
         places = np.full(seen.shape, np.nan)
@@ -154,8 +155,10 @@ class RenderedObject(ObjectSource):
         return shutter.shortened(2.0 * max(0.0, min(away) - _MOMENT_S)) if away else shutter
 
     def _jumps(self, time_s: float) -> bool:
-        """Whether vertices are elsewhere on the screen right after a moment than right before."""
+        """Whether vertices are elsewhere, or there, right after a moment and not right before."""
         before, after = (self.places(time_s + side * _MOMENT_S) for side in (-1.0, 1.0))
+        if (np.isnan(before) != np.isnan(after)).any():
+            return True
         ways = np.abs(after[:, :2] - before[:, :2])
         return float(np.nanmax(ways, initial=0.0)) >= NEGLIGIBLE_SPAN_PX
 

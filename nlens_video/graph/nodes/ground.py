@@ -175,6 +175,8 @@ class ShadowNode(Node):
         height = self._height
         shutter = self._context.objects.shutter_at(self._context.shutter, bounds.time_s)
         edges = [self._seen(time_s, bounds) for time_s in shutter.edges(bounds.time_s)]
+        if len({edge.casters.count for edge in edges}) > 1:
+            return still  # something appears or vanishes meanwhile
         places = shadow_places(edges, light.lamps, height)
         coc_px, _ = ground_blur(bounds.camera, height, _bounds(places[1]), fit)
         count = sampled_count(list(places), coc_px, self._most_moments)

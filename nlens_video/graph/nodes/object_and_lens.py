@@ -61,13 +61,24 @@ class EstimateLight(Node):
             plate = picture.downsample(PLATE_COLUMNS, rows)
             camera, light = self._context.objects.camera(0.0), self._scene.light
             if self._without_sun is None:
-                self._without_sun = light.around_without_sun(plate, camera, seat, posed.lights)
+                self._without_sun = light.around_without_sun(
+                    plate, camera, seat, posed.lights, self._strongest()
+                )
                 if light.taken_from_plate and self._context.read_sun is not None:
                     self._sun = self._context.read_sun(picture, camera, seat.ground_y)
             self._light = light.with_sun(
                 self._without_sun, picture, camera, seat, posed.lights, self._sun
             )
         return self._light
+
+    def _strongest(self) -> float:
+        """Light of the file's lights on what faces them, when they give most of it."""
+        given = []
+        for time_s in self._scene.moments:
+            posed = self._scene.pose(time_s)
+            seat = Seat.of(posed.bounds(), self._context.ground_height)
+            given.append(self._scene.light.given(posed.lights, seat))
+        return max(given)
 
     @property
     def notes(self) -> tuple[str, ...]:

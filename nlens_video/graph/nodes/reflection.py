@@ -70,7 +70,8 @@ class Reflect(Node):
             return 1
         places, depths = [], []
         for moment in context.shutter.edges(time_s):
-            vertices = context.shadow_scene.pose(moment).vertices().astype(np.float64)
+            points, _ = context.shadow_scene.pose(moment).points()
+            vertices = points.astype(np.float64)
             vertices[:, 1] = 2.0 * context.ground_height - vertices[:, 1]
             camera = context.objects.camera(moment)
             seen = camera.to_camera(vertices)

@@ -41,6 +41,12 @@ class AnimationTrack:
     times: tuple[float, ...]
     values: Float64
 
+    @property
+    def changes(self) -> bool:
+        """Whether its value changes at all."""
+        values = self.values
+        return bool((values[1:, 1] != values[:1, 1]).any() or values[:, ::2].any())
+
     def steps(self) -> Iterator[float]:
         """Times of the keys whose value is another than that of the key before [s]."""
         values = self.values[:, 1]
@@ -54,11 +60,13 @@ class Animation:
 
     Attributes:
         tracks: animated properties; each node's property at most once.
+        start_s: time of the first key of what changes [s]; None where nothing does.
         duration_s: time of the last key [s]; 0 where nothing is animated.
         steps: times of the keys that change a value at once, from the first on [s].
     """
 
     tracks: tuple[AnimationTrack, ...]
+    start_s: float | None = field(init=False)
     duration_s: float = field(init=False)
     steps: tuple[float, ...] = field(init=False)
     _moving: _Bank | None = field(init=False)
@@ -66,6 +74,8 @@ class Animation:
     _zooming: dict[int, _Bank] = field(init=False)
 
     def __post_init__(self) -> None:
+        starts = (track.times[0] for track in self.tracks if track.changes)
+        self.start_s = min(starts, default=None)
         self.duration_s = max((track.times[-1] for track in self.tracks), default=0.0)
         stepping = (track for track in self.tracks if track.kind == STEP)
         self.steps = tuple(sorted({time for track in stepping for time in track.steps()}))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from itertools import chain
+
 from nlens_video.core.errors import SceneError
 from nlens_video.scene.gltf.fields import Fields
 from nlens_video.scene.gltf.meshopt import EXTENSIONS as MESHOPT
@@ -25,6 +28,7 @@ SUPPORTED_EXTENSIONS = frozenset(
         "KHR_materials_variants",
         "KHR_materials_volume",
         "KHR_mesh_quantization",
+        "KHR_node_visibility",
         "KHR_texture_basisu",
         "KHR_texture_transform",
     }
@@ -51,7 +55,7 @@ def check_required(root: Fields) -> None:
 def left_out(root: Fields) -> list[str]:
     """What the file may have that is not drawn, one line each."""
     lines = []
-    for name in root.texts("extensionsUsed"):
+    for name in dict.fromkeys((*root.texts("extensionsUsed"), *_undeclared(root))):
         if name not in SUPPORTED_EXTENSIONS and name not in _HARMLESS:
             remedy = f"; {_REMEDY[name]}" if name in _REMEDY else ""
             shown = "".join(c for c in name if c.isprintable())
@@ -61,3 +65,19 @@ def left_out(root: Fields) -> list[str]:
     if names:
         lines.append(f"the default materials are drawn, none of the variants ({', '.join(names)})")
     return lines
+
+
+def _undeclared(root: Fields) -> Iterator[str]:
+    """Extensions of what is drawn, which files may use without saying so."""
+    primitives = (mesh.children("primitives") for mesh in root.children("meshes"))
+    drawn = (root.children(key) for key in ("nodes", "materials", "textures"))
+    for item in chain(*primitives, *drawn):
+        yield from item.child("extensions").data
+
+
+def hidden_nodes(nodes: Sequence[Fields]) -> Iterator[int]:
+    """Nodes that KHR_node_visibility hides, with all that they carry."""
+    for index, node in enumerate(nodes):
+        visibility = node.extension("KHR_node_visibility")
+        if visibility is not None and "visible" in visibility and not visibility.flag("visible"):
+            yield index

@@ -14,6 +14,7 @@ from nlens_video.core.layers import Bool, Float64
 from nlens_video.scene.gltf.accessors import AccessorReader
 from nlens_video.scene.gltf.animation_kernels import multiply
 from nlens_video.scene.gltf.document import Document
+from nlens_video.scene.gltf.extensions import hidden_nodes
 from nlens_video.scene.gltf.fields import Fields, check_range
 
 Indices = npt.NDArray[np.int64]
@@ -31,6 +32,7 @@ class Hierarchy:
         matrices: local matrices (N, 4, 4) of nodes that have one.
         has_matrix: which nodes have one (N,).
         visible: nodes of the chosen scene.
+        drawn: those of them whose meshes and lights are not hidden.
         parents: parent of each node, -1 for a root.
         order: nodes and their parents (N, 2), parents first.
     """
@@ -39,6 +41,7 @@ class Hierarchy:
     matrices: Float64
     has_matrix: Bool
     visible: frozenset[int]
+    drawn: frozenset[int]
     parents: tuple[int, ...]
     order: Indices
 
@@ -67,6 +70,18 @@ class Hierarchy:
         world = np.empty((len(local), 4, 4))
         multiply(local, self.order, self.matrices, self.has_matrix, world)
         return check_range(world, "a node's place or scale")
+
+    def oriented(self, local: Float64) -> Float64:
+        """World matrices (N, 4, 4) for what has a direction and no size, as lights and cameras.
+
+        A scale of 0, by which exporters hide things, is 1 in their axes; all else is as of `world`.
+        """
+        world, none = self.world(local), local[:, 7:] == 0.0
+        if none.any():
+            scaled = local.copy()
+            scaled[:, 7:][none] = 1.0
+            world[:, :3, :3] = self.world(scaled)[:, :3, :3]
+        return world
 
 
 def _with_descendants(order: Indices, nodes: Iterable[int]) -> frozenset[int]:
@@ -103,11 +118,13 @@ def read_hierarchy(document: Document, scene: str | None = None) -> Hierarchy:
         _rows(nodes, "scale", (1.0, 1.0, 1.0)),
     ]
     matrices = np.swapaxes(_rows(nodes, "matrix", _EYE).reshape(-1, 4, 4), 1, 2)
+    visible = _visible(document, order, scene)
     return Hierarchy(
         rest=np.concatenate(rest, axis=1),
         matrices=np.ascontiguousarray(matrices),
         has_matrix=np.array(["matrix" in node for node in nodes], dtype=bool),
-        visible=_visible(document, order, scene),
+        visible=visible,
+        drawn=visible - _with_descendants(order, hidden_nodes(nodes)),
         parents=tuple(parents),
         order=order,
     )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+import PIL
 import PIL.features
 import PIL.Image
 
@@ -163,6 +164,13 @@ class TextureReader:
                 with PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
                     self.document.spend_texture(*picture.size, image.place)
                     return _rgba(picture)
+        except PIL.UnidentifiedImageError as error:
+            kind = image.text("mimeType")[:40]
+            stated = f" (its mimeType is {kind!r})" if kind else ""
+            came = "is no PNG, JPEG, WebP, AVIF or KTX2 picture" if data else "is empty"
+            raise SceneError(
+                f"{image.place} {came}{stated}; export it again as PNG or JPEG"
+            ) from error
         except (OSError, ValueError, SyntaxError, *_TOO_LARGE) as error:
             raise SceneError(
                 f"{image.place} cannot be decoded ({error}); export it again"
