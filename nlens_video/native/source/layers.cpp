@@ -194,7 +194,8 @@ void add_surround(Layers& layers, const Surface& surface, const Lights& lights) 
     const Vector ahead = mirrored_around(lights, mirror(n, v), n, surface.roughness);
     const Vector around = around_on(lights.ambient.data, n);
     const RoughMirror rough = rough_mirror(facing, surface.roughness);
-    const float scattered = (1.0f - metallic) * (1.0f - surface.through);
+    const float left = rough.left(surface.f0, surface.specular);
+    const float scattered = (1.0f - metallic) * (1.0f - surface.through) * left;
     const auto part = [&](float light, float mirrored, float base, float f0) {
         return light * base * scattered + mirrored * rough.share(f0 + (base - f0) * metallic, edge);
     };

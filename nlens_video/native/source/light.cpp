@@ -151,7 +151,8 @@ void light_from_around(Block& block, const float* rows, const Mirrored& mirrored
         const RoughMirror mirror = rough_mirror(nv, roughness);
         const float edge = block.specular[i] + (1.0f - block.specular[i]) * metallic;
         const Vector base = get(block.base, i), color = mix(get(block.f0, i), base, metallic);
-        const float plastic = 1.0f - metallic, part = block.occlusion[i];
+        const float plastic = (1.0f - metallic) * mirror.left(get(block.f0, i), block.specular[i]);
+        const float part = block.occlusion[i];
         const Vector lit{around.x * base.x * plastic + ahead.x * mirror.share(color.x, edge),
                          around.y * base.y * plastic + ahead.y * mirror.share(color.y, edge),
                          around.z * base.z * plastic + ahead.z * mirror.share(color.z, edge)};

@@ -82,6 +82,12 @@ struct RoughMirror {
     float share(float color, float edge) const {
         return (color * scale + edge * bias) * (1.0f + color * repeated);
     }
+
+    // What a dielectric mirror leaves for what lies below; alike for all colours, as under lamps.
+    float left(Vector color, float edge) const {
+        const float most = larger(color.x, larger(color.y, color.z));
+        return larger(1.0f - share(most, edge), 0.0f);
+    }
 };
 
 // By Karis's fit ("Physically Based Shading on Mobile", 2014).

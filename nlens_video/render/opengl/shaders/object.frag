@@ -365,7 +365,9 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     vec3 ahead = mirrored_light(r, roughness, mix(from_around(r), around, roughness));
     vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
-    sum += occlusion * (around * base * ((1.0 - metallic) * (1.0 - through))
+    // As under lamps, what the dielectric mirrors is not scattered, alike for all colours.
+    vec3 kept = 1.0 - mirrored(vec3(max(f0.r, max(f0.g, f0.b))), f90, nv, roughness);
+    sum += occlusion * (around * base * max(kept, 0.0) * ((1.0 - metallic) * (1.0 - through))
                         + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
 #ifdef USE_CLEARCOAT
     vec3 coat_r = reflect(-v, coat_normal);
