@@ -11,6 +11,7 @@ namespace nlens {
 namespace {
 
 constexpr float kLeast = 1e-30f;
+constexpr float kThinnest = 1e-8f;  // square of how far coordinates are stretched; beyond, it is noise
 
 float sum_of_three(Float4 v) {
     return v[0] + v[1] + v[2];
@@ -57,13 +58,13 @@ Vector moved(const Mesh& mesh, const std::int32_t* corners, Float4 by) {
             u * (b[2] - a[2]) + v * (c[2] - a[2])};
 }
 
-// Unit normal, and tangent and bitangent along what is in `uv`. The longer of the two has a given
-// length; both are 0 where the coordinates do not change.
+// Unit normal, and tangent and bitangent along what is in `uv`, of unit length too: the frame of MikkTSpace.
+// Both are 0 where the coordinates do not change, or in one direction only.
 struct Frame {
     Vector normal, tangent, bitangent;
 };
 
-Frame frame(const Block& block, int i, const Mesh& mesh, float length) {
+Frame frame(const Block& block, int i, const Mesh& mesh) {
     const int t = block.triangle[i];
     const float* planes = mesh.planes.at(t);
     const std::int32_t* corners = mesh.faces.at(t);
@@ -72,17 +73,17 @@ Frame frame(const Block& block, int i, const Mesh& mesh, float length) {
     n = n * (planes[kFacing] / std::sqrt(std::max(dot(n, n), kLeast)));
     const Vector px = moved(mesh, corners, by.across), py = moved(mesh, corners, by.down);
     const Vector fy = cross(py, n), fx = cross(n, px);
-    const auto along = [&](int k) { return fy * block.uv[1][k][i] + fx * block.uv[2][k][i]; };
-    const Vector tangent = along(0);
+    // The handedness of gradients follows the screen's: columns and rows turn about +-n.
+    const float turn = dot(py, fx) < 0.0f ? -1.0f : 1.0f;
+    const auto gradient = [&](int k) { return (fy * block.uv[1][k][i] + fx * block.uv[2][k][i]) * turn; };
+    const Vector rightwards = gradient(0);
     // v grows downwards in the picture, the map's green upwards.
-    const Vector bitangent = along(1) * -1.0f;
-    const float size = std::max(dot(tangent, tangent), dot(bitangent, bitangent));
-    if (!(size > 0.0f)) return {n, {}, {}};
-    // The frame's handedness follows the screen's: columns and rows turn about +-n.
-    const float turn = dot(py, fx);
-    float scale = length / std::sqrt(size);
-    if (turn < 0.0f) scale = -scale;
-    return {n, tangent * scale, bitangent * scale};
+    const Vector upwards = gradient(1) * -1.0f;
+    const float width = dot(rightwards, rightwards), height = dot(upwards, upwards);
+    if (!(std::min(width, height) > kThinnest * std::max(width, height))) return {n, {}, {}};
+    const Vector bitangent = upwards * (1.0f / std::sqrt(height));
+    const Vector tangent = cross(bitangent, n);
+    return {n, dot(tangent, rightwards) < 0.0f ? tangent * -1.0f : tangent, bitangent};
 }
 
 bool equal(Vector a, Vector b) {
@@ -115,9 +116,9 @@ void interpolate(Block& block, int count, const Mesh& mesh) {
 
 void apply_normal_map(Block& block, Run run, const Mesh& mesh, float strength) {
     for (int i = run.first; i < run.last; ++i) {
-        const auto [n, s, t] = frame(block, i, mesh, strength);
-        float a = block.texel[0][i] * 2.0f - 1.0f;
-        float b = block.texel[1][i] * 2.0f - 1.0f;
+        const auto [n, s, t] = frame(block, i, mesh);
+        float a = strength * (block.texel[0][i] * 2.0f - 1.0f);
+        float b = strength * (block.texel[1][i] * 2.0f - 1.0f);
         float c = block.texel[2][i] * 2.0f - 1.0f;
         if (equal(s, t)) a = 0.0f, b = 0.0f, c = 1.0f;  // both are 0: there is no frame
         set(block.normal, i, (s * a + t * b + n * c) * mesh.planes(block.triangle[i], kFacing));
@@ -126,10 +127,8 @@ void apply_normal_map(Block& block, Run run, const Mesh& mesh, float strength) {
 
 void find_directions(Block& block, Run run, const Mesh& mesh) {
     for (int i = run.first; i < run.last; ++i) {
-        const auto [n, s, t] = frame(block, i, mesh, 1.0f);
-        const float x = block.along[0][i] / std::sqrt(std::max(dot(s, s), kLeast));
-        const float y = block.along[1][i] / std::sqrt(std::max(dot(t, t), kLeast));
-        const Vector along = s * x + t * y;
+        const auto [n, s, t] = frame(block, i, mesh);
+        const Vector along = s * block.along[0][i] + t * block.along[1][i];
         set(block.along, i, along);
         set(block.beside, i, cross(n, along));
     }

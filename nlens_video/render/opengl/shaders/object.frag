@@ -69,22 +69,24 @@ vec2 map_uv(int slot)
     return vec2(dot(u.xyz, at), dot(v.xyz, at));
 }
 
-// Tangent and bitangent of texture coordinates on a unit normal; false where they do not change.
-// From derivatives: no attribute needed, right for mirrored coordinates too.
+// Tangent and bitangent of texture coordinates on a unit normal, of unit length: MikkTSpace's. False
+// where the coordinates do not change, or in one direction only. From derivatives: no attribute needed,
+// right for mirrored coordinates too.
 bool tangents(vec3 position, vec2 at, vec3 n, out vec3 tangent, out vec3 bitangent)
 {
     vec3 dp_x = dFdx(position), dp_y = dFdy(position);
     vec2 duv_x = dFdx(at), duv_y = dFdy(at);
     vec3 across_y = cross(dp_y, n), across_x = cross(n, dp_x);
-    tangent = across_y * duv_x.x + across_x * duv_y.x;
+    // The handedness of gradients follows the screen's: dp_x, dp_y turn about +-n.
+    float turn = dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0;
+    vec3 rightwards = turn * (across_y * duv_x.x + across_x * duv_y.x);
     // v grows downwards in the picture, the map's green upwards.
-    bitangent = -(across_y * duv_x.y + across_x * duv_y.y);
-    float size = max(dot(tangent, tangent), dot(bitangent, bitangent));
-    if (size <= 0.0) return false;
-    // The frame's handedness follows the screen's: dp_x, dp_y turn about +-n.
-    float scale = inversesqrt(size) * (dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0);
-    tangent *= scale;
-    bitangent *= scale;
+    vec3 upwards = -turn * (across_y * duv_x.y + across_x * duv_y.y);
+    float width = dot(rightwards, rightwards), height = dot(upwards, upwards);
+    if (!(min(width, height) > 1e-8 * max(width, height))) return false;
+    bitangent = upwards * inversesqrt(height);
+    tangent = cross(bitangent, n);
+    tangent *= dot(tangent, rightwards) < 0.0 ? -1.0 : 1.0;
     return true;
 }
 
@@ -138,7 +140,7 @@ void find_stretch(float alpha)
         tangent = cross(n, abs(n.x) < 0.5 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0));
         bitangent = cross(n, tangent);
     }
-    along = normalize(normalize(tangent) * direction.x + normalize(bitangent) * direction.y);
+    along = normalize(tangent * direction.x + bitangent * direction.y);
     beside = normalize(cross(n, along));
     stretched = mix(alpha, 1.0, strength * strength);
 }
