@@ -32,6 +32,20 @@ inline float smaller(float a, float b) {
     return a < b ? a : b;
 }
 
+constexpr float kLeastAlpha = 0.002f;
+
+// The square of alpha of a roughness, widened, see `Block::widening`.
+inline float widened(float roughness, float widening) {
+    const float alpha = larger(roughness * roughness, kLeastAlpha);
+    return smaller(alpha * alpha + widening, 1.0f);
+}
+
+// The roughness of that alpha, as the light around is looked up by; where nothing is widened, the own one.
+inline float widened_roughness(float roughness, float widening) {
+    const float wider = std::sqrt(std::sqrt(widened(roughness, widening)));
+    return widening > 0.0f ? wider : roughness;
+}
+
 // Light that reaches a point: the unit direction it comes from, and how much.
 struct Ray {
     Vector toward, light;
