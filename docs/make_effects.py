@@ -17,13 +17,13 @@ from support.effects.shot_table import ROWS, UNITS, UNSEEN, Verdict, judge  # no
 INTRODUCTION = """\
 # Which effects a shot calls for
 
-Shots of known scenes, taken by a simulated camera with known effects and, but for a few, encoded
-by H.264, on which a run's own measurements decide (`python docs/make_effects.py` makes this page
-from `tests/support/effects/shot_table.py`). A strength is that which would be simulated; in
-brackets the true one. Effects in *italics* are there, but the plate hardly shows them (compression
-wipes faint fringes away, a scene of its own shades hides vignetting, short lines tell no
-distortion): there silence is right, and `--vignetting` or `--distortion` say it instead. Thresholds
-were chosen on the first rows; those called *unseen* are on scenes made afterwards.
+Shots of known scenes, taken by a simulated camera with known effects and, except a few, encoded
+by H.264; the measurements of a run decide (`python docs/make_effects.py` makes this page
+from `tests/support/effects/shot_table.py`). The strength is that of the simulation; in
+brackets the true one. Effects in *italics* are present, but hardly visible (compression
+removes faint fringes, the shading of a scene hides vignetting, short lines show no distortion):
+not detecting them is correct, and `--vignetting` or `--distortion` set them. Thresholds were
+chosen on the first rows; rows called *unseen* are on scenes that were made afterwards.
 """
 
 

@@ -153,8 +153,8 @@ def environment(folder: Path) -> list[Panel]:
     objects.unlit_chick(glb)
     panels = []
     for title, warm, toward in (
-        ("--env evening.hdr", True, 120.0),
-        ("--env noon.hdr", False, -60.0),
+        ("--env-map evening.hdr", True, 120.0),
+        ("--env-map noon.hdr", False, -60.0),
     ):
         env = folder / f"{'evening' if warm else 'noon'}.hdr"
         objects.evening(env, towards_deg=toward, warm=warm)
@@ -418,7 +418,7 @@ def reflection(_: Path) -> list[Panel]:
     crop, fit = (130, 90, 700, 450), SAMPLES / "in.json"
     return [
         (title, composite(SAMPLES / "in.mp4", one, 60, fit=fit).crop(crop))
-        for title, one in (("matt ground", scene), ("--reflect 0.15", glossy))
+        for title, one in (("matt ground", scene), ("--ground-reflectance 0.15", glossy))
     ]
 
 

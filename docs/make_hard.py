@@ -36,13 +36,13 @@ THEMES = {
 INTRODUCTION = """\
 # Hard cases
 
-What a lens, a scene or a plate can be at its worst, and what comes out. `make hard` runs every case
-of `tests/hard` and writes this page; the same functions are the suite's tests, and a test fails
-where this page claims anything that it does not check. Light is scene-linear, a CoC a signed
+Extreme lenses, scenes and plates, and their results. `make hard` runs every case of `tests/hard`
+and writes this page. The same functions are tests of the suite, and another test checks
+that this page lists exactly these cases. Light is scene-linear, a CoC a signed
 diameter in pixels, positive nearer than the focus. `draft`, `realtime`, `standard` and `lens` (the
 preset `reference`) are the quality levels.
 
-The long streams are not run anew by that: `python tests/hard/endurance/stream.py 100000
+`make hard` does not run the long streams again: `python tests/hard/endurance/stream.py 100000
 docs/hard/endurance.json` runs and records them, in a quarter of an hour of processor time.
 """
 

@@ -9,10 +9,17 @@ _PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
 _FOV_SHARE = 0.15  # standard error of the field of view, as a share of it [1]
 _REAL_DEG = (3.0, 150.0)  # fields of view of lenses in use
 _BESIDE = 0.001  # of the width: half of a path's points are off by more [1]
-_LENS = "--fov DEG if the lens is known"
-_GROUND = "--at, --size and --horizon to set the ground by eye"
-_PATH = "--range to leave out the frames that are crossed"
-_FILE = "--camera-from CAMERA"
+# What to give, to a command that solves the camera, and to one that got it from a file.
+_LENS = "--fov DEG if the lens is known", "--fov DEG to `nlens-video solve` if the lens is known"
+_GROUND = (
+    "--at, --size and --horizon to set the ground by eye",
+    "--at, --size and --horizon without --camera-from to set the ground by eye",
+)
+_PATH = (
+    "--range to leave out the frames that are crossed",
+    "--range to `nlens-video solve` to leave out the frames that are crossed",
+)
+_FILE = "--camera-from CAMERA", "another --camera-from CAMERA"
 
 
 def what_was_found(solved: SolvedCamera) -> str:
@@ -37,11 +44,15 @@ def what_was_found(solved: SolvedCamera) -> str:
     )
 
 
-def doubt(solved: SolvedCamera) -> str:
+def doubt(solved: SolvedCamera, *, from_file: bool = False) -> str:
     """One sentence on what is uncertain about a plate's camera and what to give; empty if nothing.
 
     A field of view that is assumed is no fault of a camera that moves: its path then makes up for
     it where the object stands.
+
+    Args:
+        solved: the camera.
+        from_file: whether a file gave it, which is then not to be given again.
     """
     fov, errors = solved.keys[0].fov_x_deg, solved.errors
     guessed = solved.fov == solved.horizon == "assumed"
@@ -66,6 +77,6 @@ def doubt(solved: SolvedCamera) -> str:
         remedies.append(_PATH)
     if not found:
         return ""
-    *first, last = [*remedies, _FILE]
+    *first, last = [remedy[from_file] for remedy in (*remedies, _FILE)]
     doubted = found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}"
     return f"the plate's camera is uncertain: {doubted}; give {', '.join(first)}, or {last}"

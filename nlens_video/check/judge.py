@@ -103,7 +103,7 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
                 "plate", (track.first, track.last), track.worst,
                 f"{width}x{height} px at {x},{y} differ by up to {track.worst:.1f} of 255 levels "
                 f"(tolerance {least:.1f}) away from the object; if that is another object, "
-                "say --objects 2 or more",
+                "give --max-objects 2 or more",
             )
         )  # fmt: skip
     noise = float(np.median(measures.noise)) if measures.noise else 0.0

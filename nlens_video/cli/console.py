@@ -131,8 +131,8 @@ class Console:
             self._say(
                 "camera",
                 f"field of view {first.fov_x_deg:.1f} ± {errors.fov_deg:.1f} degrees "
-                f"({camera.fov_source}), pitch {first.pitch_deg:.1f} ± {errors.pitch_deg:.1f}, "
-                f"roll {first.roll_deg:.1f} ± {errors.roll_deg:.1f} ({camera.horizon})",
+                f"({camera.fov_source}), pitch {first.pitch_deg:z.1f} ± {errors.pitch_deg:.1f}, "
+                f"roll {first.roll_deg:z.1f} ± {errors.roll_deg:.1f} ({camera.horizon})",
             )
             self._say("path", f"{camera.path}, {frames}, scale {camera.scale}; {camera.method}")
             if uncertain := doubt(camera):

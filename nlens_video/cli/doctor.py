@@ -24,12 +24,20 @@ RESIDENT = 0.4 * _GB
 """Memory that the smallest run uses [bytes]."""
 _LIBRARIES = (
     "numpy", "av", "opencv-contrib-python-headless", "onnxruntime", "pyrender2",
-    "PyOpenGL", "trimesh", "OpenEXR", "torch", "pycolmap", "usd-core",
+    "PyOpenGL", "trimesh", "OpenEXR", "torch", "pycolmap", "usd-core", "DracoPy", "opengl_basisu",
+    "starlette", "uvicorn", "websockets", "ray",
 )  # fmt: skip
 _OPTIONAL = {
     "torch": "needed for training only",
     "pycolmap": "needed to solve cameras that move: pip install nlens-video[solve]",
     "usd-core": "needed for cameras in USD files: pip install nlens-video[usd]",
+    "DracoPy": "needed for Draco meshes: pip install nlens-video[draco]",
+    "opengl_basisu": "needed for KTX2 textures: pip install nlens-video[ktx2]",
+    **dict.fromkeys(
+        ("starlette", "uvicorn", "websockets"),
+        "needed for the studio: pip install nlens-video[studio]",
+    ),
+    "ray": "needed for a farm of Ray workers: pip install nlens-video[farm]",
     "OpenGL": "",
 }
 _ENCODERS = ("libx264", "libx265", "libvpx-vp9", "libsvtav1", "ffv1", "prores_ks", "png", "aac")
@@ -102,7 +110,7 @@ def examine(*, as_json: bool) -> int:
         ("renderer", _renderer),
         ("OpenGL", _opengl),
         ("encoders", _encoders),
-        ("CoC network", _coc_network),
+        ("networks", _networks),
         ("scatter kernel", _kernel),
         ("pipelines", _pipelines),
     ):
@@ -169,11 +177,13 @@ def _encoders() -> str:
     return ", ".join(there)
 
 
-def _coc_network() -> str:
-    from nlens_video.networks.model_store import find_model
+def _networks() -> str:
+    from nlens_video.networks.model_store import find_model, model_names
 
-    model = find_model("coc")
-    return f"{model.path.name}, sha256 {model.sha256[:12]} verified"
+    names = model_names()
+    for name in names:
+        find_model(name)
+    return f"{', '.join(names)}: sha256 verified"
 
 
 def _kernel() -> str:

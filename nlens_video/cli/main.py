@@ -39,7 +39,7 @@ _COMPLETING = "_ARGCOMPLETE"  # environment variable: the shell asks for complet
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the program; returns its exit code (`interface`: 0, 2 to 6, 130)."""
+    """Run the program; returns its exit code: 0, 1, 130, or that of an error (`core.errors`)."""
     if _COMPLETING in os.environ:
         complete()
     prepare_streams()

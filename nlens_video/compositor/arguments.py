@@ -49,16 +49,6 @@ def as_positive(name: str, value: object) -> float:
     return number
 
 
-def check_track_focus(track_focus: str | None) -> None:
-    """Check the one option of the command line whose values a `Compositor` takes in part.
-
-    Raises:
-        UsageError: a file.
-    """
-    if track_focus not in (None, "auto", "off"):
-        raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
-
-
 def as_args(given: Mapping[str, object]) -> argparse.Namespace:
     """Keyword arguments as the command line parses them.
 
@@ -68,6 +58,9 @@ def as_args(given: Mapping[str, object]) -> argparse.Namespace:
     Raises:
         UsageError: a value that the option does not take.
     """
+    track_focus = given.get("track_focus")
+    if track_focus not in (None, "auto", "off"):  # a number of frames needs the file
+        raise UsageError(f"track_focus={track_focus!r}: expected one of auto, off")
     args = argparse.Namespace(**{one.attribute: one.initial for one in PARAMETERS.values()})
     for name, value in given.items():
         if value is not None:
@@ -197,6 +190,8 @@ def as_time(time: float | None) -> float | None:
 def _read(name: str, option: Option, value: object) -> object:
     """A value as the option's reader makes it from text."""
     if not option.takes_value:
+        if not isinstance(value, bool | np.bool_):
+            raise UsageError(f"{name}={value!r}: expected True or False")
         return bool(value)
     if option.nargs == "?" and value is True:
         return option.const

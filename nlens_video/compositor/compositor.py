@@ -18,7 +18,6 @@ from nlens_video.compositor.arguments import (
     as_path,
     as_positive,
     as_time,
-    check_track_focus,
     in_python,
     naming_parameters,
 )
@@ -161,7 +160,6 @@ class Compositor:
         given = locals()  # by the names of the command line's options
         with naming_parameters():
             fps, pixel_aspect = as_positive("fps", fps), as_positive("pixel_aspect", pixel_aspect)
-            check_track_focus(track_focus)
             args = as_args({name: given[name] for name in PARAMETERS if name not in _CHECKED})
             request = as_lens(args, fps=fps, fit=fit, aperture=aperture, optics=optics)
             objects, profiler = as_objects(glb, args), Profiler(args.budget_ms)

@@ -129,8 +129,8 @@ class RealSettings:
     Attributes:
         holdout: matte or depth of the foreground, None for none.
         occlusion: `moving` finds what moves in front of it in the shot of a camera that stands
-            still or turns, where that is certain; `auto` falls back to the plate's CoC; `none`
-            does neither.
+            still, turns or travels, where that is certain; `auto` falls back to the plate's CoC;
+            `none` does neither.
         reflectance: share of the light that the ground mirrors seen from straight above, 0 to 1;
             None for 0, or `REFLECTANCE` where `effects` names the reflection [1].
         found: what another run of the shot has found in front of it, so that this one need not

@@ -22,6 +22,7 @@ EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE
 Base = Literal["auto", "all", "none"]
 GIVE = "give --holdout PATH or --occlusion auto"
 _ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
+_NOT_MEASURED = "not measured"
 _EACH_FRAME = "decided on each frame"
 
 
@@ -176,7 +177,7 @@ def restrict_to_pipeline(
     Raises:
         UsageError: `requested` names an effect that the pipeline has no node for.
     """
-    missing = {one.effect for one in decisions if one.wanted} - there
+    missing = {one.effect for one in decisions if one.wanted or one.reason == _NOT_MEASURED} - there
     for one in decisions:
         if one.effect in missing & EffectRequest.parse(requested).added:
             raise UsageError(
@@ -212,7 +213,7 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
         DEFOCUS: (True, f"{_EACH_FRAME}: called for where the object's CoC reaches 0.5 px"),
         SHADOW: _shadow(shot),
         REFLECTION: _reflection(shot),
-        OCCLUSION: (False, f"nothing tells what stands in front; {GIVE}"),
+        OCCLUSION: (False, f"no foreground was detected; {GIVE}"),
         MOTION_BLUR: _motion_blur(shot),
     }
     decisions = [
@@ -232,7 +233,7 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
 def _measured(effect: str, found: Measurement | None) -> Decision:
     """An effect of the plate's camera."""
     if found is None:
-        return Decision(effect=effect, wanted=False, reason="the plate was not looked at")
+        return Decision(effect=effect, wanted=False, reason=_NOT_MEASURED)
     bound = "reaches" if found.value >= found.threshold else "stays below"
     reason = found.evidence
     if found.model is not None and found.threshold > 0.0:
@@ -259,13 +260,13 @@ def _exposure(shot: ShotFacts) -> Decision:
 def _motion_blur(shot: ShotFacts) -> tuple[bool, str]:
     shutter = shot.shutter
     if shot.pre_rendered:
-        return False, "pre-rendered layers bring their motion blur with them"
+        return False, "pre-rendered layers already contain motion blur"
     if not shot.moves:
         return False, "neither object nor camera moves"
     if not shutter.frame_s:
         return False, "a still has no frame time"
     if not shutter.open_s:
-        return False, "--shutter 0"
+        return False, "--shutter-angle 0"
     return True, (
         f"{_EACH_FRAME}: called for where the object moves by 1 px while the shutter "
         f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source})"
@@ -277,23 +278,23 @@ def _shadow(shot: ShotFacts) -> tuple[bool, str]:
         return False, "--shadow-strength 0"
     if shot.pre_rendered and not shot.strength_given and not shot.sun:
         return False, (
-            "the light that the layers were rendered in is not known; "
+            "the lighting of the layers is not known; "
             "--effects auto,+shadow casts one by the GLB's lights"
         )
     if shot.lamps:
         count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
-        return True, f"cast on the ground by {count}, where it touches by the light around too"
+        return True, f"cast on the ground by {count}, plus contact shadow from ambient light"
     if shot.sun_from_plate:
-        return True, "cast on the ground by the light around, and by a sun as the plate tells it"
-    return True, "where it touches the ground, by the light around; no light casts another"
+        return True, "cast on the ground by ambient light, and by a sun estimated from the plate"
+    return True, "contact shadow from ambient light; no light source casts another"
 
 
 def _reflection(shot: ShotFacts) -> tuple[bool, str]:
     if shot.reflectance <= 0.0:
-        return False, "nothing says that the ground is glossy; --reflect makes it so"
+        return False, "the ground is assumed not to be glossy; give --ground-reflectance if it is"
     if shot.pre_rendered:
-        return False, "layers show the object from above only; the GLB is not drawn"
+        return False, "pre-rendered layers do not show the object from below"
     return True, (
-        f"--reflect: the ground mirrors {shot.reflectance:g} of the light seen from straight "
-        "above, more towards grazing (Schlick)"
+        f"--ground-reflectance: {shot.reflectance:g} at normal incidence, more at grazing "
+        "angles (Schlick)"
     )

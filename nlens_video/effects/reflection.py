@@ -13,13 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.core.layers import Box, DefocusedLayer, Float32, Float64, ObjectLayer, Picture
+from nlens_video.core.layers import Box, Float32, Float64, ObjectLayer
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.render.base.box_renderer import BoxRenderer
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination
-from nlens_video.stages.composite import ForegroundMatte, composite_behind
-from nlens_video.stages.l_reblur import ReblurLayer
 
 _BEHIND = 1e-3  # share of its distance by which a virtual point may seem to lie above the ground
 
@@ -102,36 +100,3 @@ class RenderReflection:
         below = disparity > 0.0
         behind = below & (depth >= (1.0 - _BEHIND) / np.where(below, disparity, 1.0))
         return np.asarray(schlick(cosine, self.reflectance) * behind, dtype=np.float32)
-
-
-@dataclass(frozen=True, slots=True)
-class OverlayReflection:
-    """Composites the mirror image over the plate, under the object.
-
-    Attributes:
-        blur: the lens.
-    """
-
-    blur: ReblurLayer
-
-    def __call__(
-        self,
-        picture: Picture,
-        reflection: DefocusedLayer,
-        frame: Box,
-        matte: ForegroundMatte | None = None,
-    ) -> Picture:
-        """Composite it in place; returns the picture.
-
-        The mirrored surroundings that it hides are assumed as bright as the plate is there.
-
-        Args:
-            picture: the plate; changed.
-            reflection: the mirror image.
-            frame: the frame's own box.
-            matte: of things in front of the ground.
-        """
-        blurred = self.blur(reflection, frame)
-        if not blurred.box.empty:
-            composite_behind(picture, blurred.box, blurred.rgba, matte)
-        return picture

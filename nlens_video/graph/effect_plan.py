@@ -261,7 +261,7 @@ def _read_shutter(assumed: Shutter, angle: float | None) -> Shutter:
     """The shutter as measured from the plate's motion blur [deg], if that shows."""
     if angle is None:
         return assumed
-    return replace(assumed, angle_deg=angle, source="read off the plate's own smear")
+    return replace(assumed, angle_deg=angle, source="measured from the plate's motion blur")
 
 
 def _read_aperture(found: ApertureReading | None) -> tuple[Aperture, tuple[str, ...]]:

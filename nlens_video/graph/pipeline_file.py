@@ -215,6 +215,8 @@ def _check_order(specs: tuple[NodeSpec, ...], path: Path) -> None:
 
 _LATE = ("crop-sharp",)
 """Nodes that now stand behind their alternatives: the first that can run does."""
+_BEFORE = {"composite-shadow": "blur-shadow", "composite-reflection": "blur-reflection"}
+"""Nodes that did themselves what another before them does."""
 
 
 def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
@@ -232,6 +234,9 @@ def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
     nodes = [node for node in nodes if node["node"] not in _LATE]
     for node in late:
         nodes.insert(_behind_alternatives(nodes), node)
+    for after, before in _BEFORE.items():
+        for at in [at for at, node in enumerate(nodes) if node["node"] == after]:
+            nodes.insert(at, {"node": before})
     return {"summary": about.get("summary", ""), "nodes": nodes}
 
 

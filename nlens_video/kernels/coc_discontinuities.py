@@ -22,6 +22,7 @@ SPARE_PX = 3.0
 BESIDE_PX = 3.0
 """Distance to hidden pixels up to which a discontinuity counts fully; 0 at twice that [px]."""
 
+_OPAQUE = 0.999  # alpha of a surface that hides what is behind it
 _STEP = (STEP_PX, FULL_STEP_PX, SPARE_PX, BESIDE_PX)
 
 
@@ -85,8 +86,9 @@ def find_discontinuities(
 ) -> CocDiscontinuities | None:
     """Find the steps of the CoC inside the object, and what is within reach of them.
 
-    Where it is known what is hidden, that counts too where the object ends before nothing, and
-    only what hides something is a step: a surface seen at a glancing angle is steep and hides none.
+    Where it is known what is hidden, that counts too where the object ends before nothing or is
+    see-through, and only what hides something is a step: a surface seen at a glancing angle is
+    steep and hides none.
 
     The reach is that of the larger disc, for light of either side can be misplaced that far. It
     grows from nothing with the step, so that nothing pops when a step appears.
@@ -114,6 +116,7 @@ def find_discontinuities(
     if hidden is not None:
         nearest = (extend_nearest(hidden.coc_px, there), away)
         found |= kernels.find_rims(coc, alpha, nearest, _STEP, (reach, split))
+        found |= _mark_see_through(coc, alpha, hidden, (reach, split))
     if not found:
         return None
     marked = reach > 0.0
@@ -122,3 +125,26 @@ def find_discontinuities(
     split = extend_nearest(split, marked)
     chamfer(reach)
     return CocDiscontinuities(inside_px=reach, split_px=split)
+
+
+def see_through(coc_px: Float32, alpha: Float32, hidden: HiddenSurface) -> Bool:
+    """Where light of a surface of another CoC comes through the nearest one (h, w)."""
+    shows = (alpha > 0.0) & (hidden.rgba[..., 3] > 0.0) & (hidden.front_rgba[..., 3] < _OPAQUE)
+    return np.asarray(shows & (coc_px - hidden.coc_px >= np.float32(STEP_PX)))
+
+
+def _mark_see_through(
+    coc_px: Float32, alpha: Float32, hidden: HiddenSurface, marks: tuple[Float32, Float32]
+) -> bool:
+    """Mark likewise what is see-through; whether anything is. `marks` are reach and split."""
+    reach, split = marks
+    there = see_through(coc_px, alpha, hidden)
+    if not there.any():
+        return False
+    one, other = coc_px[there], hidden.coc_px[there]
+    share = np.minimum((one - other - STEP_PX) / (FULL_STEP_PX - STEP_PX), 1.0)
+    radius = share * (0.5 * np.maximum(np.abs(one), np.abs(other)) + SPARE_PX)
+    more = radius > reach[there]
+    reach[there] = np.where(more, radius, reach[there])
+    split[there] = np.where(more, 0.5 * (one + other), split[there])
+    return True

@@ -22,6 +22,7 @@ from nlens_video.kernels.coc_discontinuities import (
     STEP_PX,
     CocDiscontinuities,
     HiddenSurface,
+    see_through,
 )
 from nlens_video.native import kernels
 
@@ -89,6 +90,8 @@ def split_at_hidden(
     back_rgba, back_coc = rgba.copy(), coc_px.copy()
     whole, alone = np.ascontiguousarray(rgba), np.ascontiguousarray(hidden.front_rgba)
     kernels.part_layers(near, whole, alone, np.ascontiguousarray(hidden.rgba), near_rgba, back_rgba)
+    through = near & see_through(coc_px, rgba[..., 3], hidden)
+    np.copyto(near_rgba, hidden.front_rgba, where=through[..., None])
     np.copyto(back_coc, hidden.coc_px, where=near)
     return DepthLayers(
         near_rgba=near_rgba,

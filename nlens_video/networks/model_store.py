@@ -7,6 +7,7 @@ import tomllib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from nlens_video.core.errors import NlensError
 
@@ -28,6 +29,22 @@ def models_folder() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[2] / "models"
 
 
+def model_names() -> tuple[str, ...]:
+    """Names of the shipped networks.
+
+    Raises:
+        NlensError: there is no manifest.
+    """
+    return tuple(_entries(models_folder() / MANIFEST))
+
+
+def _entries(manifest: Path) -> dict[str, Any]:
+    try:
+        return dict(tomllib.loads(manifest.read_text(encoding="utf-8"))["model"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise NlensError(f"{manifest}: cannot be read ({error}); {_REPAIR}") from error
+
+
 def find_model(name: str, folder: Path | None = None) -> Model:
     """Look a network up and verify its file.
 
@@ -40,11 +57,8 @@ def find_model(name: str, folder: Path | None = None) -> Model:
     """
     folder = models_folder() if folder is None else folder
     manifest = folder / MANIFEST
-    try:
-        entries = tomllib.loads(manifest.read_text(encoding="utf-8"))["model"]
-        entry = entries.get(name)
-    except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise NlensError(f"{manifest}: cannot be read ({error}); {_REPAIR}") from error
+    entries = _entries(manifest)
+    entry = entries.get(name)
     if entry is None:
         known = ", ".join(sorted(entries)) or "none"
         raise NlensError(f"{manifest}: no network named {name!r}, only: {known}")

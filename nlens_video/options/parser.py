@@ -26,44 +26,45 @@ _PROGRAM = """\
 Put a rendered, animated object into real footage as if the same lens had filmed it.
 
   nlens-video IN ANIM.glb OUT         composite; short for `nlens-video render`; or SHOT.toml [OUT]
-  nlens-video fit IN ANIM.glb FIT     find the lens only, and keep it as JSON
-  nlens-video farm IN ANIM.glb OUT    the same, by many processes or machines
-  nlens-video merge OUT CHUNK... --plate IN   join what --chunk-out has rendered
-  nlens-video solve IN CAMERA.json    the plate's camera, for --camera-from
-  nlens-video place IN ANIM.glb OUT.png   where an object without a camera could stand
-  nlens-video studio IN ANIM.glb      place it, light it, see it, in the browser
-  nlens-video check OUT --plate IN    is a result steady, its plate untouched; 1 where it is not
-  nlens-video graph PRESET            the frame graph as a diagram (Mermaid, Graphviz)
-  nlens-video evaluate WHAT FOLDER    by known truth; bench [FOLDER]: what accuracy costs in time
-  nlens-video study make|analyse      the paper's user study: its page, and its answers
-  nlens-video doctor                  what works on this machine, and what to install
-  nlens-video completion bash|zsh|fish    completion of the command line by the Tab key
+  nlens-video fit IN ANIM.glb FIT     fit the lens only, and save it as JSON
+  nlens-video farm IN ANIM.glb OUT    the same, on many processes or machines
+  nlens-video merge OUT CHUNK... --plate IN   join the chunks of --chunk-out
+  nlens-video solve IN CAMERA.json    solve the plate's camera, for --camera-from
+  nlens-video place IN ANIM.glb OUT.png   draw possible placements of an object
+  nlens-video studio IN ANIM.glb      edit a shot in the browser
+  nlens-video check OUT --plate IN    compare a result with its plate; exit code 1: faults found
+  nlens-video graph PRESET            print the frame graph (Mermaid, Graphviz)
+  nlens-video evaluate WHAT FOLDER    measure against ground truth
+  nlens-video bench [FOLDER]          accuracy and time of each preset
+  nlens-video study make|analyse      make and analyse the paper's user study
+  nlens-video doctor                  check what works on this machine, and what to install
+  nlens-video completion bash|zsh|fish    print the shell completion
 """
 
 _ABOUTS = {
     "render": _PROGRAM,
-    "fit": "Find the lens of a plate and keep it as JSON.",
+    "fit": "Fit the lens of a plate and save it as JSON.",
     "farm": "Composite in chunks on a Ray cluster, by default one on this machine.",
     JOBS: "Composite many shots on a Ray cluster.",
-    "merge": "Join the chunks of a run: times checked, encoded once, the rest as in IN.",
-    "place": "Draw choices of --at, --size and --yaw, around those given, on the first frame: on "
-    "the\nground of the plate's camera, or under --horizon.",
-    "studio": "Place and light an object on a plate in the browser, and keep that as a shot file.",
+    "merge": "Join the chunks of a run: check their times, encode once, copy the rest from IN.",
+    "place": "Draw possible values of --at, --size and --yaw, around those given, on the first "
+    "frame: on\nthe ground of the solved camera, or of --horizon.",
+    "studio": "Place and light an object on a plate in the browser, and save that as a shot file.",
     "solve": "Solve the plate's camera: field of view, horizon and path, each measured, from "
-    "metadata\nor assumed, with its standard error.",
+    "metadata or\nassumed, with its standard error.",
     "check": "Compare a result with its plate: frames, times, plate pixels, jumps, flicker, "
-    "audio.\nExit code 0: fine; 1: something was found; 2 to 6 are errors, as everywhere.",
+    "audio.\nExit code 0: no faults; 1: faults found; 2 to 6: errors, as in every command.",
     "graph": "Print the frame graph of a preset, or of a pipeline file, as a Mermaid flowchart.",
-    "evaluate": "Measure stages on plates with known lens: rendered ground truth, a folder a "
-    "plate.",
-    "bench": "Measure every preset, and other methods, against the sampled lens: what it costs.",
-    "study": "The paper's user study: a web page that asks, and what its answers say.",
-    "doctor": "What works on this machine, and what to install.",
-    "completion": 'The shell\'s completion of nlens-video: eval "$(nlens-video completion bash)"',
+    "evaluate": "Measure accuracy against rendered ground truth, a folder for each plate.",
+    "bench": "Measure accuracy and time of every preset and of other methods, against the "
+    "sampled lens.",
+    "study": "Make the web page of the paper's user study, and analyse its answers.",
+    "doctor": "Check what works on this machine, and what to install.",
+    "completion": 'Print the shell completion; use it by: eval "$(nlens-video completion bash)"',
 }
 _STUDY = {
-    MAKE: "pictures and their stimuli.csv to one web page",
-    ANALYSE: "failure rates and z-tests of saved answers",
+    MAKE: "make one web page from pictures and their stimuli.csv",
+    ANALYSE: "print failure rates and z-tests of saved answers",
 }
 
 
@@ -95,7 +96,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise a UsageError."""
-        raise UsageError(f"{message}; see {self.prog} --help")
+        raise UsageError(f"{message}; see {self.whole or self.prog} --help")
 
     def parse_known_args(  # type: ignore[override]  # argparse declares it by overloads
         self,
@@ -117,7 +118,7 @@ class Parser(argparse.ArgumentParser):
                 continue
             near = get_close_matches(name, self._names(), n=1, cutoff=0.7)
             meant = f"did you mean {near[0]}? See" if near else "see"
-            raise UsageError(f"{name} is not an option; {meant} {self.prog} --help")
+            raise UsageError(f"{name} is not an option; {meant} {self.whole or self.prog} --help")
 
     def _get_option_tuples(
         self, option_string: str

@@ -43,8 +43,8 @@ def between(low: float, high: float, expected: str) -> Callable[[str], float]:
     return read
 
 
-number = between(-_LARGEST, _LARGEST, "a number of usual size")
-positive = between(1.0 / _LARGEST, _LARGEST, "a positive number of usual size")
+number = between(-_LARGEST, _LARGEST, "a number from -1e9 to 1e9")
+positive = between(1.0 / _LARGEST, _LARGEST, "a positive number, 1e-9 to 1e9")
 
 
 def count(text: str) -> int:

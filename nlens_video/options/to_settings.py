@@ -33,6 +33,9 @@ def settings(args: argparse.Namespace) -> Settings:
         UsageError: options that contradict each other, or values that make no sense.
     """
     defaults = {"effects": "defocus"} if args.command == "fit" else {}
+    if _is_gltf(args.input) and not _is_gltf(args.glb):
+        raise UsageError(f"the plate comes first, then the object: IN is {args.input}, and the GLB "
+                         f"is {args.glb}; swap them")  # fmt: skip
     return Settings(
         source=source_settings(args),
         scene=object_settings(args),
@@ -42,6 +45,10 @@ def settings(args: argparse.Namespace) -> Settings:
         scale=_scale_beside(args),
         **{**defaults, **_given(args, "run")},
     )
+
+
+def _is_gltf(name: object) -> bool:
+    return str(name).lower().endswith((".glb", ".gltf"))
 
 
 def source_settings(args: argparse.Namespace) -> SourceSettings:
@@ -136,6 +143,8 @@ def _place_keys(args: argparse.Namespace) -> PlaceKeys:
     """
     given = getattr(args, "keys", None)
     if not given:
+        if getattr(args, "interpolation", "smooth") != "smooth":
+            raise UsageError("--interpolation is that between keys; give --key too")
         return NO_KEYS
     keys = PlaceKeys(keys=tuple(given), interpolation=args.interpolation)
     keys.check_beside(

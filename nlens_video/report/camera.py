@@ -157,9 +157,9 @@ def _values(solved: SolvedCamera) -> str:
     rows = [
         ("Field of view", f"{first.fov_x_deg:.1f} {_PLUS_MINUS} {errors.fov_deg:.1f} degrees",
          solved.fov_source),
-        ("Pitch", f"{first.pitch_deg:.1f} {_PLUS_MINUS} {errors.pitch_deg:.1f} degrees",
+        ("Pitch", f"{first.pitch_deg:z.1f} {_PLUS_MINUS} {errors.pitch_deg:.1f} degrees",
          solved.horizon),
-        ("Roll", f"{first.roll_deg:.1f} {_PLUS_MINUS} {errors.roll_deg:.1f} degrees",
+        ("Roll", f"{first.roll_deg:z.1f} {_PLUS_MINUS} {errors.roll_deg:.1f} degrees",
          solved.horizon),
         ("Path", solved.path, frames),
         ("Scale", solved.scale, scale),

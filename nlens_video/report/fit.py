@@ -16,6 +16,15 @@ _WIDTH, _HEIGHT = 560.0, 420.0
 _MARGINS = (58.0, 46.0, 14.0, 52.0)
 
 
+def unit_name(unit_m: float | None) -> str:
+    """Name of the scene's unit in the report.
+
+    Args:
+        unit_m: its length, None where the scale is not known [m].
+    """
+    return "m" if unit_m == 1.0 else "units"
+
+
 def object_disparity(main: MainFrame | None) -> tuple[float, float] | None:
     """Least and greatest disparity of the object on the main frame [1 / scene unit]."""
     if main is None or main.defocused is None:
@@ -33,12 +42,13 @@ def fit_section(findings: Findings) -> str:
     regression, fit = findings.regression, findings.fit
     if fit is None:
         return ""  # the section before says why
+    unit = unit_name(findings.session.context.unit_m)
     if regression is None:
         body = missing(findings.no_fit_reason or findings.doubt)
     else:
         around = object_disparity(findings.main)
         charts = "".join(
-            figure(fit_plot(fit, regression.samples, around, signed=signed), "", name)
+            figure(fit_plot(fit, regression.samples, around, unit, signed=signed), "", name)
             for name, signed in (("Unsigned, as estimated", False), ("Signed", True))
         )
         words = (
@@ -57,7 +67,7 @@ def fit_section(findings: Findings) -> str:
         body = f'<p class="quiet">{words}</p>{key(marks)}<div class="pair">{charts}</div>'
     plus_minus = "\N{PLUS-MINUS SIGN}"
     rows = [
-        ("Slope", f"{fit.slope:.5g} {plus_minus} {fit.slope_stderr:.2g} px m"),
+        ("Slope", f"{fit.slope:.5g} {plus_minus} {fit.slope_stderr:.2g} px {unit}"),
         ("CoC at infinity", f"{fit.intercept:.4g} {plus_minus} {fit.intercept_stderr:.2g} px"),
         ("Residual (RMS)", f"{fit.rmse_px:.2f} px"),
         ("Samples", f"{fit.n}, {fit.inlier_fraction:.0%} inliers"),
@@ -65,7 +75,8 @@ def fit_section(findings: Findings) -> str:
         ("Method", fit.method),
     ]
     if fit.other is not None:
-        other = "slope {:.5g} px m, CoC at infinity {:.4g} px".format(*fit.other)
+        slope, intercept = fit.other
+        other = f"slope {slope:.5g} px {unit}, CoC at infinity {intercept:.4g} px"
         rows.insert(-1, ("Lens of the other sign", other))
     if findings.shot.plate_coc is None:  # a fit that was given
         del rows[2:-1]
@@ -82,14 +93,16 @@ def margin_words(fit: LensFit) -> str:
 
 
 def fit_plot(
-    fit: LensFit, samples: FitSamples, around: tuple[float, float] | None, *, signed: bool
-) -> str:
+    fit: LensFit, samples: FitSamples, around: tuple[float, float] | None, unit: str, *,
+    signed: bool,
+) -> str:  # fmt: skip
     """SVG of the unsigned V, or of the signed line.
 
     Args:
         fit: the lens.
         samples: what it was fitted on.
         around: the object's range of disparities, marked; None for none.
+        unit: name of the scene's unit.
         signed: whether samples take the sign that the fit gives them.
     """
     axes = _axes(fit, samples, around, signed=signed)
@@ -103,17 +116,17 @@ def fit_plot(
     body = [
         _object_range(axes, around),
         axes.frame(
-            "disparity (1 / m)", "signed CoC diameter (px)" if signed else "CoC diameter (px)"
+            f"disparity (1 / {unit})", "signed CoC diameter (px)" if signed else "CoC diameter (px)"
         ),
-        axes.top_labels([(0.0, "\N{INFINITY}"), *depths], "depth (m)"),
+        axes.top_labels([(0.0, "\N{INFINITY}"), *depths], f"depth ({unit})"),
         _samples(axes, fit, samples, signed=signed),
         _line(axes, fit, signed=signed),
-        _focus(axes, fit),
+        _focus(axes, fit, unit),
     ]
     return axes.drawing(
         f"{subject} CoC against disparity",
-        f"{fit.n} samples of the ground and the fitted line, {fit.slope:.3g} px m times disparity "
-        f"{fit.intercept:+.3g} px; shaded: one standard error.",
+        f"{fit.n} samples of the ground and the fitted line, {fit.slope:.3g} px {unit} times "
+        f"disparity {fit.intercept:+.3g} px; shaded: one standard error.",
         "".join(body),
     )
 
@@ -172,14 +185,14 @@ def _line(axes: Axes, fit: LensFit, *, signed: bool) -> str:
     )
 
 
-def _focus(axes: Axes, fit: LensFit) -> str:
+def _focus(axes: Axes, fit: LensFit, unit: str) -> str:
     focus = fit.focus_disparity
     if not axes.x[0] < focus < axes.x[1]:
         return ""
     x = axes.place_x(focus)
     near_right = x > axes.right - 110
     place = (x - 6 if near_right else x + 6, axes.top + 14)
-    words = f"focus, {1 / focus:.3g} m"
+    words = f"focus, {1 / focus:.3g} {unit}"
     return line((x, axes.top), (x, axes.bottom), "focus") + text(
         place, words, "label", "end" if near_right else "start"
     )

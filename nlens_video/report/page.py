@@ -8,7 +8,7 @@ import numpy as np
 
 from nlens_video.report.camera import ground_section
 from nlens_video.report.findings import NEVER_SEEN, Findings
-from nlens_video.report.fit import fit_section
+from nlens_video.report.fit import fit_section, unit_name
 from nlens_video.report.html import (
     Image,
     count,
@@ -25,6 +25,11 @@ from nlens_video.report.maps import maps_section
 from nlens_video.report.prose import advice, lens_sentences
 from nlens_video.report.times import plan_section, times_section
 
+_LENGTHS = {
+    "m": "Lengths are in metres (m), the unit of glTF.",
+    "units": "Lengths are in units of the GLB.",
+}
+
 
 def page(findings: Findings) -> str:
     """The page as text; everything that came from outside is escaped."""
@@ -38,8 +43,8 @@ def page(findings: Findings) -> str:
         lens_sentences(findings),
         "\n".join(part(findings) for part in sections),
         header=_facts(findings) + _advice(findings),
-        footer="Lengths are in the unit of the GLB, which glTF takes for metres (m). CoC is the "
-        "diameter of the circle of confusion in pixels of the frame.",
+        footer=f"{_LENGTHS[unit_name(findings.session.context.unit_m)]} CoC is the diameter of the "
+        "circle of confusion in pixels of the frame.",
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from nlens_video.core.errors import NoteKind, kind_of
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.report.findings import Findings, MainFrame
-from nlens_video.report.fit import margin_words, object_disparity
+from nlens_video.report.fit import margin_words, object_disparity, unit_name
 
 _SEEN_SHARE, _SEEN_PX = 0.15, 1.0  # visible errors of the CoC: the larger one counts
 _FEW_INLIERS = 0.5
@@ -54,8 +54,9 @@ def lens_sentences(findings: Findings) -> str:
     if fit.slope == 0:
         return f"A constant CoC of {abs(fit.intercept):.1f} px is used at every depth."
     focus = fit.focus_disparity
-    where = f"at {1 / focus:.3g} m from the camera" if focus > 0 else "at infinity"
-    return f"The plate is in focus {where}. {_object_sentence(fit, findings.main)}".strip()
+    unit = unit_name(findings.session.context.unit_m)
+    where = f"at {1 / focus:.3g} {unit} from the camera" if focus > 0 else "at infinity"
+    return f"The plate is in focus {where}. {_object_sentence(fit, findings.main, unit)}".strip()
 
 
 def advice(findings: Findings) -> list[Advice]:
@@ -64,7 +65,7 @@ def advice(findings: Findings) -> list[Advice]:
     return sorted(found, key=lambda one: one.kind == "note")
 
 
-def _object_sentence(fit: LensFit, main: MainFrame | None) -> str:
+def _object_sentence(fit: LensFit, main: MainFrame | None, unit: str) -> str:
     ends = object_disparity(main)
     if main is None or ends is None:
         return ""
@@ -79,7 +80,7 @@ def _object_sentence(fit: LensFit, main: MainFrame | None) -> str:
     most = max(abs(far), abs(near))
     return (
         f"On frame {main.index} the object stands {side}, {1 / ends[1]:.3g} to "
-        f"{1 / ends[0]:.3g} m away, and its circle of confusion (CoC) is "
+        f"{1 / ends[0]:.3g} {unit} away, and its circle of confusion (CoC) is "
         f"{least:.1f} to {most:.1f} px wide."
     )
 

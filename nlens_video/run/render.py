@@ -26,9 +26,10 @@ from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.pooled_samples import passes
 from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
 from nlens_video.video.chunk_queue import ChunkFeed
-from nlens_video.video.info import SourceInfo, part_of
+from nlens_video.video.info import SourceInfo
 from nlens_video.video.input.reconnect import Reconnecting
 from nlens_video.video.interfaces import Sink, Source
+from nlens_video.video.times.part import part_of
 
 if TYPE_CHECKING:
     import av

@@ -31,6 +31,8 @@ QUIET = 1.2 / 255  # noise below which averaging gains nothing [sRGB code]
 LUMA = np.array([0.3, 0.6, 0.1], np.float32)
 """Weights of red, green and blue in the brightness of display codes."""
 _FLAT_WINDOW_PX = 33
+_CLEAR_PEAK = 0.3  # of phase correlation, below which noise may have displaced it
+_LEAST_CURVATURE = 0.2  # of the squared difference, as a share of its least, for a clear minimum
 _MOTION_WINDOW_PX = 7  # noise averages out over it, motion does not
 _NOISES = 5.0  # a change of the window's mean beyond so many deviations is motion
 _LEAST_CHANGE = 1.5 / 255  # smallest change that counts as motion [sRGB code]
@@ -216,12 +218,34 @@ def _border_window(luma: Float32) -> Float32:
 
 
 def _is_still(luma: Float32, other: Float32, window: Float32) -> bool:
-    """Whether the camera stands still between two pictures (H, W), by phase correlation."""
+    """Whether the camera stands still between two pictures (H, W).
+
+    By phase correlation; coarse noise hides its peak, and then by where the two differ least.
+    """
     if min(luma.shape) < 2 * _MOTION_WINDOW_PX:
         return False
     # with a window of its own phaseCorrelate writes into both pictures
-    (across, down), _ = cv2.phaseCorrelate(luma * window, other * window)
-    return math.hypot(across, down) <= STILL_PX
+    (across, down), peak = cv2.phaseCorrelate(luma * window, other * window)
+    if peak >= _CLEAR_PEAK or math.hypot(across, down) <= STILL_PX:
+        return math.hypot(across, down) <= STILL_PX
+    return math.hypot(*(_shift(luma, other, axis) for axis in (0, 1))) <= 0.5 * STILL_PX
+
+
+def _shift(luma: Float32, other: Float32, axis: int) -> float:
+    """Shift along an axis at which two pictures (H, W) differ least, infinite if unclear [px].
+
+    The vertex of a parabola through the squared differences at -1, 0 and 1 px, to which noise adds
+    the same in the mean. At hard edges it tells half of a small shift.
+    """
+    one, two = (np.moveaxis(picture, axis, 0) for picture in (luma, other))
+    before, here, after = (
+        float(np.square(two[1:-1] - one[1 + away : len(one) - 1 + away]).mean())
+        for away in (-1, 0, 1)
+    )
+    curvature = before - 2.0 * here + after
+    if curvature <= _LEAST_CURVATURE * here:
+        return math.inf
+    return (before - after) / (2.0 * curvature)
 
 
 def _moving(luma: Float32, other: Float32) -> Bool:

@@ -10,7 +10,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, CocMap, Picture
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.report.fit import fit_plot
+from nlens_video.report.fit import fit_plot, unit_name
 from nlens_video.report.maps import COC_MAP, Scale
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import Regression
@@ -32,6 +32,7 @@ class Inspection:
         fit: the lens, None where none is found.
         regression: what it was fitted on, None where it is given.
         no_lens: why a render would stop, empty where it would not.
+        unit_m: the scene's unit, None where it is not known [m].
     """
 
     picture: Picture
@@ -40,6 +41,7 @@ class Inspection:
     fit: LensFit | None
     regression: Regression | None
     no_lens: str
+    unit_m: float | None
 
     def in_focus(self) -> Bool:
         """Ground whose CoC is below a pixel by the fit (H, W)."""
@@ -60,7 +62,8 @@ class Inspection:
         ramp = scale.colors(np.linspace(0.0, top, _RAMP, dtype=np.float32)[None])[0]
         plot = ""
         if self.fit is not None and self.regression is not None:
-            plot = fit_plot(self.fit, self.regression.samples, None, signed=False)
+            unit = unit_name(self.unit_m)
+            plot = fit_plot(self.fit, self.regression.samples, None, unit, signed=False)
         return levels_to_jpeg(levels), {
             "top_px": top,
             "ramp": ramp.tolist(),

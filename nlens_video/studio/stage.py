@@ -194,7 +194,7 @@ class Stage:
         )  # fmt: skip
         return Inspection(
             picture=first.picture, coc=coc, ground=ground, no_lens=no_lens, fit=fit,
-            regression=None if found is None else found.regression,
+            regression=None if found is None else found.regression, unit_m=context.unit_m,
         )  # fmt: skip
 
     def forget(self) -> None:

@@ -200,7 +200,7 @@ class ChunkFile:
             self.mark = ChunkMark.from_json(text)
         except (av.FFmpegError, OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or "it has no mark of one"
-            advice = "give what --as-chunk has written"
+            advice = "give what --chunk-out has written"
             raise InputError(f"{path}: is no chunk ({reason}); {advice}") from error
         try:
             self._checksums = _read_checksums(path)

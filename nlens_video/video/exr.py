@@ -13,13 +13,16 @@ import numpy as np
 from nlens_video.core.color import ColorTags, primaries_at, primaries_from_bt709
 from nlens_video.core.errors import InputError, Note, NoteKind, UsageError
 from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_large
-from nlens_video.video.exr_writer import first_line, write_layers
+from nlens_video.video.exr_writer import first_line, not_carried, write_layers, write_over
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
 from nlens_video.video.pixels.picture import ArrayPicture
 
-__all__ = ["ExrImage", "ExrSource", "LayerReader", "read_exr", "read_layer", "write_layers"]
+__all__ = [
+    "ExrImage", "ExrSource", "LayerReader", "not_carried", "read_exr", "read_layer",
+    "write_layers", "write_over",
+]  # fmt: skip
 FAR = 1e9
 """Depths from here on are background; renderers write about 1e10 [scene unit]."""
 _ROUNDED = 0.01  # alpha that filters leave beyond 0 to 1 and nobody need know of [1]

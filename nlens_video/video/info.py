@@ -1,8 +1,7 @@
-"""Properties of a source or a part of it, and its frames."""
+"""Properties of a source, and its frames."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -18,7 +17,6 @@ from nlens_video.video.hdr_metadata import HdrMetadata
 
 Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]
-_TIMECODE = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.])(\d\d+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,6 +27,14 @@ class FrameTags:
     color_range: int = 0
     color_primaries: int = 2
     color_trc: int = 2
+
+    @classmethod
+    def of(cls, frame: av.VideoFrame) -> FrameTags:
+        """Those of a frame."""
+        return cls(
+            colorspace=frame.colorspace, color_range=frame.color_range,
+            color_primaries=frame.color_primaries, color_trc=frame.color_trc,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +47,8 @@ class CopiedStream:
         codec: FFmpeg's name, empty where FFmpeg knows none.
         stream: FFmpeg's own; invalid once the source is closed.
         cover: picture file of a cover (attached picture), else empty.
+        start_s: time of its first packet by the source's header; of sound alone, None where it is
+            unknown [s].
     """
 
     index: int
@@ -48,6 +56,7 @@ class CopiedStream:
     codec: str
     stream: Stream = field(repr=False, compare=False)
     cover: bytes = field(default=b"", repr=False)
+    start_s: Fraction | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +76,8 @@ class SourceInfo:
             tell it; None for sources that are no files.
         frame_count: estimate, None where unknown [1].
         duration_s: length, None where unknown [s].
+        start_s: time of the first frame [s].
+        clocked: whether its times are those of a clock that runs on, as in broadcasts and streams.
         ends_s: end of a part of a source with subtitles, on its own clock; None where it is open
             or unknown [s].
         pixel_format: FFmpeg's name of the decoded format; `gbrpf32le` for OpenEXR.
@@ -76,8 +87,13 @@ class SourceInfo:
         sample_aspect_ratio: width of a stored pixel by its height, None where unknown [1].
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
         bit_rate: of the video stream, None where unknown [bit/s].
-        interlaced: whether the first frame consists of two fields.
+        interlaced: whether frames consist of two fields, by the header or the first frame.
+        field_order: `tt` or `tb` where the header says that the top field is shown first, `bb` or
+            `bt` where it says the bottom one (QuickTime tells fields that lie line by line apart);
+            else empty.
+        lossless: whether H.264 or HEVC says that it is coded without loss.
         hdr: HDR metadata of the first frame.
+        chroma_siting: FFmpeg's name of where chroma lies, empty where unknown.
         copied: the other streams, which are carried over.
         metadata: of the container.
         stream_metadata: of the video stream, such as language and timecode.
@@ -100,6 +116,8 @@ class SourceInfo:
     )
     frame_count: int | None
     duration_s: float | None
+    start_s: Fraction = Fraction(0)
+    clocked: bool = False
     ends_s: Fraction | None = None
     pixel_format: str
     half: bool = False
@@ -109,7 +127,10 @@ class SourceInfo:
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
+    field_order: str = ""
+    lossless: bool = False
     hdr: HdrMetadata = field(default_factory=HdrMetadata)
+    chroma_siting: str = ""
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
     stream_metadata: dict[str, str] = field(default_factory=dict)
@@ -178,102 +199,6 @@ def upright(info: SourceInfo) -> SourceInfo:
         rotation=0,
         sample_aspect_ratio=1 / ratio if sideways and ratio else ratio,
         interlaced=info.interlaced and not sideways,
+        field_order="",
+        chroma_siting="" if info.rotation else info.chroma_siting,
     )
-
-
-def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
-    """Properties of a part of a source: its end; chapters and timecode are shifted.
-
-    Args:
-        info: the whole source.
-        frames: first index and the one past the last, None for an open end.
-    """
-    first, end = frames
-    if (first, end) == (0, None) or not info.average_rate:
-        return info
-    start_s = _time(info, first) if info.chapters else Fraction(0)
-    end_s = _time(info, end) if info.chapters and end is not None else None
-    shifted = [_cut(chapter, start_s, end_s) for chapter in info.chapters]
-    return replace(
-        info,
-        ends_s=_end(info, first, end)
-        if any(one.type == "subtitle" for one in info.copied)
-        else None,
-        chapters=tuple(one for one in shifted if one is not None),
-        metadata=_advanced(info.metadata, info, first),
-        stream_metadata=_advanced(info.stream_metadata, info, first),
-    )
-
-
-def _end(info: SourceInfo, first: int, end: int | None) -> Fraction | None:
-    """End of a part on its own clock, which begins with its first frame, or with the source [s]."""
-    if end is None:
-        return None
-    if info.frame_time is not None:
-        start_s = info.frame_time(first) if first else Fraction(0)
-        end_s = info.frame_time(end)
-        if start_s is not None and end_s is not None:
-            return end_s - start_s
-    # when the source's first frame is shown is not known
-    known = bool(first and info.steady and info.average_rate)
-    return (end - first) / (info.average_rate or Fraction(25)) if known else None
-
-
-def _time(info: SourceInfo, number: int) -> Fraction:
-    """Time of a frame [s], by the average rate where it is not known."""
-    known = None if info.frame_time is None else info.frame_time(number)
-    return number / (info.average_rate or Fraction(25)) if known is None else known
-
-
-def advanced_timecode(timecode: str, frames: int, rate: Fraction) -> str:
-    """A SMPTE timecode some frames later; other text is returned as it is.
-
-    Args:
-        timecode: `HH:MM:SS:FF`; `;` or `.` before the frames means drop frame.
-        frames: how many later [1].
-        rate: frames per second [1/s].
-    """
-    match = _TIMECODE.fullmatch(timecode)
-    if match is None:
-        return timecode
-    hours, minutes, seconds, number = (int(match[group]) for group in (1, 2, 3, 5))
-    count = round(rate)
-    dropped = count // 15 if match[4] in ";." else 0  # two of 30, four of 60
-    all_minutes = hours * 60 + minutes
-    at = (all_minutes * 60 + seconds) * count + number + frames
-    at -= dropped * (all_minutes - all_minutes // 10)
-    if dropped:
-        tens, rest = divmod(at, 600 * count - 9 * dropped)
-        at += 9 * dropped * tens
-        at += dropped * max(0, (rest - dropped) // (60 * count - dropped))
-    at %= 24 * 3600 * count
-    seconds, number = divmod(at, count)
-    clock = f"{seconds // 3600:02}:{seconds // 60 % 60:02}:{seconds % 60:02}"
-    return f"{clock}{match[4]}{number:02}"
-
-
-def _advanced(tags: dict[str, str], info: SourceInfo, first: int) -> dict[str, str]:
-    """Tags of a part; a timecode goes on by the time from the first frame on."""
-    rate = info.average_rate
-    if rate is None or "timecode" not in map(str.lower, tags):
-        return tags
-    frames = round((_time(info, first) - _time(info, 0)) * rate)
-    return {
-        key: advanced_timecode(value, frames, rate) if key.lower() == "timecode" else value
-        for key, value in tags.items()
-    }
-
-
-def _cut(
-    chapter: av.container.Chapter, start_s: Fraction, end_s: Fraction | None
-) -> av.container.Chapter | None:
-    """A chapter in the time of the part, None where it lies outside."""
-    unit = chapter["time_base"] or Fraction(1, 1000)
-    shift, limit = round(start_s / unit), None if end_s is None else round(end_s / unit)
-    start, end = max(chapter["start"], shift), chapter["end"]
-    end = end if limit is None else min(end, limit)
-    if end <= start:
-        return None
-    cut = chapter.copy()
-    cut["start"], cut["end"] = start - shift, end - shift
-    return cut

@@ -34,6 +34,13 @@ def test_guessed_horizon_and_field_of_view_are_named_with_what_to_give():
         assert option in line
 
 
+def test_what_a_camera_file_excludes_is_given_to_solve_or_without_the_file():
+    line = doubt(camera(fov="assumed", horizon="assumed", errors=VAGUE), from_file=True)
+    assert "give --fov DEG to `nlens-video solve` if the lens is known" in line
+    assert "--at, --size and --horizon without --camera-from" in line
+    assert line.endswith("or another --camera-from CAMERA")
+
+
 def test_camera_of_which_nothing_is_measured_is_doubted_whatever_its_errors():
     line = doubt(camera(fov="assumed", horizon="assumed"))
     assert "field of view is a guess" in line and "pitch is a guess" in line

@@ -9,7 +9,7 @@ pytestmark = pytest.mark.needs_chromium
 
 LONG = (
     "96x64 px at 16,400 differ by up to 118.2 of 255 levels (tolerance 7.4) away from the object; "
-    "if that is another object, say --objects 2 or more"
+    "if that is another object, give --max-objects 2 or more"
 )
 LOOK = """<!doctype html><body><iframe id="page" src="check/index.html"
 style="width:WIDTHpx;height:900px;border:0"></iframe><script>

@@ -120,7 +120,7 @@ def test_unknown_scene_name_lists_the_scenes_of_the_file(files, tmp_path):
         ),
         ("camera.glb", ["--animation", "run"], 4, "the file has none"),
         ("camera.glb", ["--animation-speed", "0"], 2, "not a positive number"),
-        ("camera.glb", ["--animation-offset", "inf"], 2, "not a number of usual size"),
+        ("camera.glb", ["--animation-offset", "inf"], 2, "not a number from -1e9 to 1e9"),
     ],
 )
 def test_invalid_placement_options_are_refused_in_one_line(files, tmp_path, glb, words, code, line):

@@ -127,6 +127,7 @@ def test_object_that_is_placed_without_a_size_gets_a_usual_one(bare):
         ({"fps": "30"}, "fps='30': expected a finite number above 0"),
         ({"holdout": "m.png", "occlusion": "auto"}, "leave occlusion"),
         ({"camera": ""}, "camera='': is empty"),
+        ({"loop": "no"}, "loop='no': expected True or False"),
     ],
 )  # fmt: skip
 def test_errors_name_parameters_instead_of_command_line_flags(bare, options, words):

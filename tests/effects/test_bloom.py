@@ -115,4 +115,13 @@ def test_halo_of_a_source_far_beyond_white_is_not_put_round_the_objects_highligh
     pictures = filmed(lambda: lamps(4, radiance=radiance), Camera(bloom=(0.06, 12)), 1)
     found = measure(pictures)
     assert found.called_for == wanted
-    assert ("as round the sun" in found.evidence) != wanted
+    assert ("as around the sun" in found.evidence) != wanted
+
+
+@pytest.mark.slow
+def test_soft_borders_of_lamps_that_are_out_of_focus_are_no_halo():
+    """A halo fits them well, but no better than the scene around them varies by itself."""
+    pictures = filmed(lambda: lamps(109, count=2, blur=9.2), Camera(noise=0.008, crf=24), 3)
+    found = measure(pictures)
+    assert not found.called_for
+    assert "0.8 times as strong as what else is there" in found.evidence

@@ -15,6 +15,8 @@ from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.effects.camera import grain as grain_noise
 from nlens_video.effects.camera.grain import AddGrain, past_shares
 from nlens_video.effects.camera.grain_measure import measure
+from nlens_video.effects.camera.grain_restore import RestoreGrain
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, WIDTH, HEIGHT)
@@ -74,28 +76,28 @@ def smooth_model(persistence=0.0):
 
 def test_noise_of_a_part_of_the_frame_is_a_crop_of_that_of_the_whole():
     stage = AddGrain(smooth_model(0.3))
-    whole = stage.unit_noise(Box(0, 0, 900, 700), 5)
-    part = stage.unit_noise(Box(450, 380, 800, 690), 5)
+    whole = stage.model.unit_noise(Box(0, 0, 900, 700), 5)
+    part = stage.model.unit_noise(Box(450, 380, 800, 690), 5)
     assert np.array_equal(part, whole[380:690, 450:800])
 
 
 def test_noise_of_frames_is_as_alike_as_the_plates_and_no_frame_depends_on_another():
     stage = AddGrain(smooth_model(0.4))
     box = Box(0, 0, 600, 500)
-    noise_of = [stage.unit_noise(box, at)[..., 0].ravel() for at in (10, 11, 12, 40)]
+    noise_of = [stage.model.unit_noise(box, at)[..., 0].ravel() for at in (10, 11, 12, 40)]
     assert np.std(noise_of[0]) == pytest.approx(1.0, abs=0.02)
     alike = np.corrcoef(noise_of)
     assert alike[0, 1] == pytest.approx(0.4, abs=0.03)
     assert alike[0, 2] == pytest.approx(0.16, abs=0.03)
     assert alike[0, 3] == pytest.approx(0.0, abs=0.03)
-    again = AddGrain(smooth_model(0.4)).unit_noise(box, 40)[..., 0].ravel()
+    again = smooth_model(0.4).unit_noise(box, 40)[..., 0].ravel()
     assert np.array_equal(noise_of[3], again)
 
 
 def test_tiles_of_noise_meet_without_a_seam():
     stage = AddGrain(smooth_model())
     size = grain_noise.TILE_PX
-    found = stage.unit_noise(Box(0, 0, 2 * size, 2 * size), 0)[..., 1]
+    found = stage.model.unit_noise(Box(0, 0, 2 * size, 2 * size), 0)[..., 1]
     row, column = grain_noise.place_on_tile(0)
     for values, seam in ((found, size - row), (found.T, size - column)):
         steps = np.abs(np.diff(values, axis=0)).mean(axis=1)
@@ -179,6 +181,28 @@ def test_grain_of_a_single_picture_is_measured_in_smooth_areas():
     assert found.value == pytest.approx(4.0, rel=0.15)
 
 
+def nearly_structureless():
+    """A slope of light above a chequered strip, scene-linear."""
+    y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
+    code = np.where(y < 200, 80 + 60 * x / WIDTH, 60 + 40 * ((x // 12 + y // 12) % 2))
+    return grain_noise.to_linear(np.repeat(code[..., None] / 255, 3, axis=2).astype(np.float32))
+
+
+@pytest.mark.parametrize("spread_px", [1.6, 2.0, 3.0])
+def test_coarse_grain_is_measured_and_added_as_coarse_as_it_is(spread_px):
+    plate = nearly_structureless()
+    grain = noise(3, 5, 8.0 / 255, tint=1.0, spread_px=spread_px)
+    found = measure(pictures(plate, 5, grain))
+    assert found.called_for
+    assert found.value == pytest.approx(8.0, rel=0.05)
+    made = found.model.unit_noise(Box(0, 0, WIDTH, HEIGHT), 0)
+    assert made.std() == pytest.approx(1.0, abs=0.05)
+    for away in (1, 3, 6):
+        alike = (np.mean(one[:, :-away] * one[:, away:]) / np.mean(one * one) for one in
+                 (made, noise(9, 1, 1.0, tint=1.0, spread_px=spread_px)[0]))  # fmt: skip
+        assert next(alike) == pytest.approx(next(alike), abs=0.06)
+
+
 def test_texture_below_a_saturated_sky_does_not_measure_as_grain():
     # the sky is smooth, but without any red: its blocks tell nothing of that channel's noise
     codes = np.full((HEIGHT, WIDTH, 3), (0.0, 90.0, 116.0))
@@ -247,6 +271,61 @@ def test_semitransparent_object_gets_less_grain_because_the_plate_shows_its_own(
     grained = stage(shot[0], layer, 0).rgba
     composite = grained[..., :3] + 0.5 * shot[0].linear(FRAME)
     assert grain_noise.to_code(composite).std() == pytest.approx(4.0 / 255, rel=0.05)
+
+
+def even_noise(size):
+    """A plate's model whose deviation in light is a share of its root, as a sensor's."""
+    levels = np.linspace(0.0, 1.0, 33, dtype=np.float32)
+    light = grain_noise.to_linear(levels).astype(np.float64)
+    in_code = size * np.sqrt(light) / np.gradient(light, levels)
+    kernel = np.zeros((3, 7, 7), np.float32)
+    kernel[:, 3, 3] = 1.0
+    return grain_noise.GrainModel(
+        levels=levels, deviation=np.repeat(in_code[:, None], 3, axis=1).astype(np.float32),
+        mixing=np.eye(3, dtype=np.float32), kernels=kernel, persistence=0.0,
+    )  # fmt: skip
+
+
+def darkened(plate, left, model, index=0):
+    """A plate in a shadow that leaves a share of its light in each channel, regrained."""
+    loss = 1.0 - np.asarray(left, np.float32)
+    mean = loss.mean(axis=-1, keepdims=True)
+    rgba = np.concatenate([mean - loss, mean], axis=-1).astype(np.float32)
+    layer = RestoreGrain(model, draw=2)(plate, BlurredLayer(box=FRAME, rgba=rgba), index)
+    plate.composite_over(FRAME, layer.rgba, of_plate=True)
+    return plate
+
+
+@pytest.mark.parametrize("left", [(0.8, 0.8, 0.8), (0.3, 0.3, 0.3), (0.1, 0.2, 0.4)], ids=str)
+def test_plate_in_shadow_is_as_noisy_as_the_plate_is_at_that_level(left):
+    model = even_noise(0.03)
+    light = np.full((HEIGHT, WIDTH, 3), 0.25)
+    noisy = light + 0.03 * np.sqrt(light) * np.random.default_rng(0).standard_normal(light.shape)
+    shown = darkened(
+        ArrayPicture(noisy.astype(np.float32), "rgb", LINEAR), np.broadcast_to(left, light.shape),
+        model,
+    ).array  # fmt: skip
+    wanted = 0.25 * np.array(left)
+    assert shown.mean(axis=(0, 1)) == pytest.approx(wanted, rel=0.01)
+    assert shown.std(axis=(0, 1)) == pytest.approx(0.03 * np.sqrt(wanted), rel=0.06)
+
+
+def test_faint_shadow_adds_no_noise_and_a_frames_noise_depends_on_its_index_alone():
+    model, left = even_noise(0.03), np.ones((HEIGHT, WIDTH, 3))
+    left[:, :100], left[:, 200:] = 0.96, 0.4
+    linear = np.full((HEIGHT, WIDTH, 3), 0.3, np.float32)
+    first, again, later = (
+        darkened(ArrayPicture(linear.copy(), "rgb", LINEAR), left, model, at).array
+        for at in (7, 7, 8)
+    )
+    assert np.ptp(first[:, :200].reshape(-1, 3)[:, 0]) == pytest.approx(0.012, abs=1e-6)
+    assert np.array_equal(first, again) and not np.array_equal(first[:, 200:], later[:, 200:])
+
+
+def test_layers_of_one_frame_get_independent_noise():
+    box = Box(0, 0, 400, 400)
+    noise_of = [smooth_model(0.3).unit_noise(box, 5, draw)[..., 0].ravel() for draw in range(3)]
+    assert np.corrcoef(noise_of) == pytest.approx(np.eye(3), abs=0.03)
 
 
 def test_grain_of_a_pixel_does_not_depend_on_the_box():

@@ -96,7 +96,11 @@ def test_fast_motion_hidden_by_defocus_needs_fewer_shutter_samples():
         ),
         (ShotFacts(moves=False, shutter=Shutter(frame_s=0.04)), False, "moves"),
         (ShotFacts(moves=True, shutter=Shutter()), False, "still"),
-        (ShotFacts(moves=True, shutter=Shutter(angle_deg=0, frame_s=1)), False, "--shutter 0"),
+        (
+            ShotFacts(moves=True, shutter=Shutter(angle_deg=0, frame_s=1)),
+            False,
+            "--shutter-angle 0",
+        ),
         (ShotFacts(moves=True, pre_rendered=True), False, "layers"),
     ],
 )

@@ -164,11 +164,11 @@ def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ((), "effect occlusion: no, nothing tells what stands in front"),
+        ((), "effect occlusion: no, no foreground was detected"),
         (("--occlusion", "auto"), "effect occlusion: yes, --occlusion auto: where the plate's CoC"),
         (("--effects", "shadow"), "node shadow"),
-        (("--reflect",), "effect reflection: yes, --reflect: the ground mirrors 0.04"),
-        (("--reflect", "0.3"), "effect reflection: yes, --reflect: the ground mirrors 0.3"),
+        (("--reflect",), "effect reflection: yes, --ground-reflectance: 0.04 at normal incidence"),
+        (("--reflect", "0.3"), "effect reflection: yes, --ground-reflectance: 0.3 at normal"),
         (("--effects", "defocus"), "effect reflection: no, left out by --effects"),
         (("--effects", "occlusion"), "node occlusion-cue [each frame; lane render] F: CoC network"),
     ],

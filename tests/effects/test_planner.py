@@ -16,6 +16,7 @@ def test_plan_of_a_pipeline_without_shadow_states_that_it_is_left_out():
     by_name = {decision.effect: decision for decision in decided}
     assert by_name["defocus"].wanted and not by_name["shadow"].wanted
     assert "realtime" in by_name["shadow"].reason
+    assert by_name["grain"].reason == "the pipeline realtime leaves it out"  # nor is it measured
 
 
 def test_requesting_an_effect_that_the_pipeline_lacks_is_an_error():
@@ -26,18 +27,16 @@ def test_requesting_an_effect_that_the_pipeline_lacks_is_an_error():
 
 def test_pipeline_with_every_node_keeps_all_planned_effects():
     decisions = decide("auto", SUNLIT)
-    assert (
-        restrict_to_pipeline(decisions, frozenset({"defocus", "shadow"}), "standard", "auto")
-        == decisions
-    )
+    every = frozenset(decision.effect for decision in decisions)
+    assert restrict_to_pipeline(decisions, every, "standard", "auto") == decisions
 
 
 @pytest.mark.parametrize(
     ("scene", "effect", "wanted", "reason"),
     [
-        (ShotFacts(), "reflection", False, "--reflect makes it so"),
-        (ShotFacts(reflectance=0.2), "reflection", True, "mirrors 0.2"),
-        (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "not drawn"),
+        (ShotFacts(), "reflection", False, "give --ground-reflectance"),
+        (ShotFacts(reflectance=0.2), "reflection", True, "0.2 at normal incidence"),
+        (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "from below"),
         (ShotFacts(), "occlusion", False, "give --holdout PATH or --occlusion auto"),
         (ShotFacts(occlusion=Finding("m.png", wanted=True)), "occlusion", True, "m.png"),
         (ShotFacts(occlusion=Finding("the camera moves")), "occlusion", False, "camera moves"),

@@ -29,7 +29,7 @@ from nlens_video.graph.base.context import NodeContext, OcclusionSource, ShadowS
 from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.moving_foreground import find_moving_foreground
-from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode
+from nlens_video.graph.nodes.ground import BlurShadow, CompositeShadow, ShadowNode
 from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -256,10 +256,10 @@ def test_ground_in_the_objects_shadow_is_as_dark_in_the_cards_too(scene):
         np.array([[320.0, 200.0]]),
         lambda seen: SeenBackground(box=frame, light=clean),
     )
-    composite, light_of = CompositeShadow(context), []
+    blur, composite, light_of = BlurShadow(context), CompositeShadow(context), []
     for codes in (shots.plate(), walking_card.codes(toward, index)):
         picture = ArrayPicture(codes, "rgb")
-        composite(picture, shadow, frame, None, things)
+        composite(picture, blur(picture, shadow, frame, None, things))
         light_of.append(picture.linear(frame).sum(axis=-1))
     ground = camera.plane_points(0.0)
     both = own_shadow(ground, toward) & walking_card.blocked(ground, toward, index)

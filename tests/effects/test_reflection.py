@@ -1,21 +1,26 @@
 """Ground reflection against mirrored geometry and hand-worked values."""
 
+import cv2
 import numpy as np
 import pytest
+from support import shots
+from support.command import nlens
 from support.glb_builder import GlbBuilder
 
-from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
+from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.reflection import (
-    OverlayReflection,
-    RenderReflection,
-    mirrored_camera,
-    schlick,
-)
-from nlens_video.kernels.scatter.scatter import blur_reach, scatter
+from nlens_video.core.optics import Aberration, Bloom, Vignetting
+from nlens_video.effects.camera.grain import to_code, to_linear
+from nlens_video.effects.camera.softness import SharpnessFloor
+from nlens_video.effects.exposure import Exposure
+from nlens_video.effects.measurement import Measurement
+from nlens_video.effects.reflection import RenderReflection, mirrored_camera, schlick
+from nlens_video.graph.base.context import NodeContext
+from nlens_video.graph.node_registry import NODES
+from nlens_video.graph.nodes.reflection import BlurReflection, CompositeReflection
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.scene import Scene
-from nlens_video.stages.l_reblur import ReblurLayer, object_coc
+from nlens_video.stages.l_reblur import object_coc
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -148,15 +153,106 @@ def test_reflectance_is_evaluated_for_each_pixels_ray(tmp_path):
         assert rgba[row, column, 3] == pytest.approx(expected, abs=1e-5)
 
 
+def of_plate(**measured):
+    """A node's surroundings on a plate whose camera was measured."""
+    return NodeContext(
+        objects=None, estimate_coc=None, ground_y=None, fallback_constant=False, pixel_aspect=1.0,
+        measured={
+            name: Measurement(
+                effect=name, value=1.0, threshold=0.0, unit="", evidence="", model=model, cost_ms=0
+            )
+            for name, model in measured.items()
+        },
+    )  # fmt: skip
+
+
+def fifth_of_a_red_thing(coc_px):
+    """Its mirror image."""
+    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    rgba[40:80, 60:100] = (0.2, 0.0, 0.0, 0.2)
+    coc = np.full((HEIGHT, WIDTH), coc_px, np.float32)
+    layer = ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones((HEIGHT, WIDTH), np.float32))
+    return DefocusedLayer(layer=layer, coc_px=coc)
+
+
 def test_reflection_is_composited_with_the_blur_of_its_own_coc():
     plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
-    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
-    rgba[40:80, 60:100] = (0.2, 0.0, 0.0, 0.2)  # a fifth of a red thing
-    coc = np.full((HEIGHT, WIDTH), -12.0, np.float32)
-    layer = ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones((HEIGHT, WIDTH), np.float32))
     picture = ArrayPicture(plate.copy(), "rgb", LINEAR)
-    lay = OverlayReflection(ReblurLayer(scatter=scatter, reach=blur_reach))
-    lay(picture, DefocusedLayer(layer=layer, coc_px=coc), FRAME)
+    mirrored = BlurReflection(of_plate())(fifth_of_a_red_thing(-12.0), FRAME)
+    CompositeReflection(of_plate())(picture, mirrored, None)
     assert picture.array[60, 80] == pytest.approx([0.2 + 0.8 * 0.5, 0.4, 0.4], abs=1e-3)
     changed = np.flatnonzero((picture.array[60] != 0.5).any(axis=1))
     assert 60 - 8 <= changed[0] <= 60 - 5 and 100 + 4 <= changed[-1] <= 100 + 7
+
+
+@pytest.mark.parametrize(
+    ("node", "model"),
+    [
+        ("vignette", {"vignetting": Vignetting(square=1.0, fourth=0.5)}),
+        ("bloom", {"bloom": Bloom(share=0.3, length_px=4.0)}),
+        ("soften", {"softness": SharpnessFloor(sigma_px=1.5)}),
+        ("chromatic-aberration", {"aberration": Aberration(red=(2.0, 0.0), blue=(-1.0, 0.0))}),
+        ("match-exposure", {}),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_mirror_image_gets_what_the_plates_camera_does_to_the_object(node, model):
+    rng = np.random.default_rng(0)
+    rgba = np.zeros((HEIGHT, WIDTH, 4), np.float32)
+    rgba[20:60, 90:140] = np.float32([2.0, 1.5, 0.4, 0.7]) * rng.uniform(0.5, 1, (40, 50, 1))
+    layer = BlurredLayer(box=FRAME, rgba=rgba)
+    coc = DefocusedLayer(
+        layer=ObjectLayer(box=FRAME, rgba=rgba, depth=np.ones((HEIGHT, WIDTH), np.float32)),
+        coc_px=np.zeros((HEIGHT, WIDTH), np.float32),
+    )
+    plate = np.float32(rng.uniform(0.1, 0.6, (HEIGHT, WIDTH, 3)))
+    given = {
+        "blurred": layer, "mirrored": layer, "frame_box": FRAME, "defocused": coc,
+        "reflection": coc, "picture": ArrayPicture(plate, "rgb", LINEAR),
+        "exposure": Exposure(gains=(0.5, 0.6, 0.7)),
+    }  # fmt: skip
+    done = []
+    for name in (node, f"{node}-reflection"):
+        one = NODES[name](of_plate(**model))
+        done.append(one.run(*(given[port.name] for port in one.inputs())))
+    of_object, of_mirror = done
+    assert of_object.box == of_mirror.box and np.array_equal(of_object.rgba, of_mirror.rgba)
+    assert not np.array_equal(of_mirror.rgba, rgba)
+
+
+def test_softness_of_the_mirror_image_is_that_of_its_own_blur():
+    given = of_plate(softness=SharpnessFloor(sigma_px=1.5))
+    layer = BlurReflection(given)(fifth_of_a_red_thing(0.0), FRAME)
+    soft = NODES["soften-reflection"](given)
+    assert soft(layer, FRAME, fifth_of_a_red_thing(9.0)) is layer  # softer than the plate's edges
+    assert soft(layer, FRAME, fifth_of_a_red_thing(0.0)) is not layer
+
+
+@pytest.mark.slow
+@pytest.mark.needs_gl
+def test_command_lets_the_mirror_image_fade_and_be_as_noisy_as_the_plate(tmp_path):
+    glb = shots.cube_glb(tmp_path / "a.glb", start=(0.0, 0.0, -4.0), size=0.5)
+    fit = shots.fit_json(tmp_path / "fit.json")
+    frames, rng = 6, np.random.default_rng(1)
+    fading = np.linspace(1.0, 0.4, frames)
+    light = to_linear(np.float32(shots.plate() / 255.0))
+    for name, gains, levels in (("fades", fading, 0.0), ("noisy", np.ones(frames), 4.0)):
+        for at, gain in enumerate(gains):
+            code = 255.0 * to_code(np.float32(gain) * light)
+            code += levels * rng.standard_normal(code.shape)
+            shots.write_png(tmp_path / f"{name}_{at:03d}.png", np.uint8(code.clip(0, 255).round()))
+        words = [tmp_path / f"{name}_%03d.png", glb, tmp_path / f"{name}_out_%03d.png"]
+        asked = ["--fit", fit, "--ground-reflectance", "0.9", "--effects", "auto,-shadow", "-q"]
+        assert nlens(*words, *asked).returncode == 0
+
+    def read(name):
+        """The mirror image's middle."""
+        return np.stack([
+            cv2.imread(str(tmp_path / f"{name}_{at:03d}.png"))[126:150, 226:254]
+            for at in range(frames)
+        ]).astype(np.float32)  # fmt: skip
+
+    first, last = (to_linear(read("fades_out")[at] / 255.0).mean() for at in (0, -1))
+    assert last / first == pytest.approx(fading[-1], rel=0.03)
+    deviation = read("noisy_out").std(axis=0, ddof=1)
+    assert np.sqrt(np.square(deviation).mean()) == pytest.approx(4.0, rel=0.1)

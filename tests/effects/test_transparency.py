@@ -19,7 +19,12 @@ from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no
 from nlens_video.graph.base.context import NodeContext, ShadowScene
 from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import ScreenBounds, View
-from nlens_video.graph.nodes.ground import CompositeShadow, ShadowNode, equal_values
+from nlens_video.graph.nodes.ground import (
+    BlurShadow,
+    CompositeShadow,
+    ShadowNode,
+    equal_values,
+)
 from nlens_video.scene import Scene
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 from nlens_video.scene.scene_light import SceneLight
@@ -133,7 +138,7 @@ def test_absorption_kernel_agrees_with_the_reference(seed):
 
 
 def stages(scene, shutter=STILL):
-    """The two nodes of a shadow."""
+    """The shadow's node, and what darkens a plate by it."""
     view = View(width=WIDTH, height=HEIGHT, placed=looking_down())
     context = NodeContext(
         objects=RenderedObject(scene=scene, renderer=None, view=view), shutter=shutter,
@@ -143,7 +148,12 @@ def stages(scene, shutter=STILL):
             pose=scene.pose, light=SceneLight(scene.light_count), pre_rendered=False, strength=1.0
         ),
     )  # fmt: skip
-    return ShadowNode(context), CompositeShadow(context)
+    blur, composite = BlurShadow(context), CompositeShadow(context)
+
+    def darken(picture, shadow):
+        return composite(picture, blur(picture, shadow, FRAME, None, None))
+
+    return ShadowNode(context), darken
 
 
 def placed(time_s, camera=None):
@@ -188,7 +198,7 @@ def test_static_shadow_darkens_every_frame_identically(tmp_path):
     results = []
     for time_s in (0.0, 0.1):
         picture = ArrayPicture(np.full((HEIGHT, WIDTH, 3), 0.5, np.float32), "rgb", LINEAR)
-        darken(picture, shadow(placed(time_s), fit, None, None), FRAME, None, None)
+        darken(picture, shadow(placed(time_s), fit, None, None))
         results.append(picture.array)
     # 0.4 of the sun, which gives a third of the light, is gone, and some of the light around
     assert np.array_equal(*results) and 0.35 < results[0].min() < 0.5 * (1 - 0.4 / 3)

@@ -57,8 +57,9 @@ SLIPS = [
     (["--camera", "crane"], 4, "crane"),
     (["--footprint", "car"], 4, "car"),
     (["--holdout", "none.png"], 3, "--holdout none.png: no such file"),
-    (["--env", "none.hdr"], 3, "--env none.hdr: no such file"),
+    (["--env", "none.hdr"], 3, "--env-map none.hdr: no such file"),
     (["--layers", "none.exr"], 3, "--layers none.exr: no such file"),
+    (["--interpolation", "linear"], 2, "--interpolation is that between keys; give --key too"),
 ]
 TARGETS = [
     (["--report", "in.mp4/r"], 6, "is no folder"),
@@ -79,6 +80,13 @@ def test_invalid_options_are_refused_before_the_plate_is_decoded(
     line = one_line(nlens("in.mp4", "anim.glb", tmp_path / "out.mp4", *more), code)
     assert words in line
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("no_pass")
+def test_object_before_the_plate_is_answered_with_the_order(shot, tmp_path, monkeypatch):
+    monkeypatch.chdir(shot)
+    line = one_line(nlens("anim.glb", "in.mp4", tmp_path / "out.mp4"), 2)
+    assert "IN is anim.glb, and the GLB is in.mp4; swap them" in line
 
 
 @pytest.mark.usefixtures("no_pass")

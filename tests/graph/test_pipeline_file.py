@@ -36,6 +36,16 @@ def test_shipped_pipelines_load_without_notes_and_write_the_picture_last(preset)
     assert pipeline.nodes[-1].type.writes == "picture"
 
 
+@pytest.mark.parametrize("preset", sorted(shipped_pipelines()))
+def test_the_plates_camera_does_to_the_mirror_image_what_it_does_to_the_object(preset):
+    names = [spec.name for spec in load_pipeline(preset).nodes]
+    of_camera = [spec.name for spec in load_pipeline("standard").nodes]
+    of_camera = of_camera[of_camera.index("vignette") : of_camera.index("composite")]
+    wanted = [name for name in names if name in of_camera and name != "edge-parallax"]
+    done = names[names.index("blur-reflection") + 1 : names.index("composite-reflection")]
+    assert done == [f"{name}-reflection" for name in wanted]
+
+
 def test_pipeline_file_is_loaded_by_its_path(tmp_path):
     path = write(tmp_path, '["object-bounds", "render"]', summary='"mine"')
     pipeline = load_pipeline(path)
@@ -150,6 +160,20 @@ def test_file_format_before_1_0_gets_the_sharp_layer_after_its_alternative(tmp_p
     )  # fmt: skip
     names = [spec.name for spec in load_pipeline(str(path)).nodes]
     assert names[-3:] == ["reblur", "crop-sharp", "depth-order"]
+
+
+def test_file_format_before_1_0_gets_the_blur_of_shadow_and_reflection_before_their_composite(
+    tmp_path,
+):
+    path = tmp_path / "old.toml"
+    path.write_text(
+        former("locate") + former("shadow", output="shadow") + former("reflect")
+        + former("darken", output="picture") + former("lay-reflection", output="picture")
+    )  # fmt: skip
+    names = [spec.name for spec in load_pipeline(str(path)).nodes]
+    assert names[-4:] == [
+        "blur-shadow", "composite-shadow", "blur-reflection", "composite-reflection",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from nlens_video.options import parser
         (["help"], "commands are render, fit"),
         (["in.mp4", "a.glb", "o.mp4", "--efects", "none"], "did you mean --effects?"),
         (["--efects=none", "in.mp4", "a.glb", "o.mp4"], "did you mean --effects?"),
-        (["in.mp4", "a.glb", "o.mp4", "--zzz"], "--zzz is not an option; see nlens-video --help"),
+        (["in.mp4", "a.glb", "o.mp4", "--zzz"], "not an option; see nlens-video render --help"),
         (["check", "o.mp4", "--agianst", "in.mp4"], "did you mean --against? See nlens-video ch"),
         (["study", "make", "--dmo", "o.html"], "did you mean --demo? See nlens-video study make"),
         (["in.mp4", "a.glb", "o.mp4", "--re"], "--re could match --reflect"),

@@ -1,6 +1,7 @@
 """The page of a solved camera: complete, self-contained, fit for a phone."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,6 +82,17 @@ def test_page_shows_values_with_their_source_and_error():
     assert text.count("Grid on the ground of frame") == 3
     assert "Camera path from above" in text and "Reprojection error over the frames" in text
     assert not re.search(r'(src|href)="(?!data:|#)', text)
+
+
+@pytest.mark.parametrize("roll_deg", [-0.01, 0.01])
+def test_level_camera_has_no_roll_of_minus_zero(roll_deg):
+    turn = np.eye(4)
+    c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+    turn[:2, :2] = [[c, -s], [s, c]]
+    shown = findings(**SURE)
+    level = replace(key(0), world_to_camera=turn @ key(0).world_to_camera)
+    text = camera_page(replace(shown, solved=replace(shown.solved, keys=(level,))))
+    assert "<td>0.0 \N{PLUS-MINUS SIGN}" in text and "-0.0 " not in text
 
 
 def test_uncertain_camera_is_said_first():

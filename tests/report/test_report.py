@@ -31,6 +31,7 @@ from nlens_video.core.layers import (
     ObjectLayer,
 )
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.placement import Placement
 from nlens_video.core.settings import (
     ObjectSettings,
     OutputSettings,
@@ -59,7 +60,7 @@ TRUE_FIT = LensFit(slope=SLOPE, intercept=INTERCEPT, width=WIDTH, height=HEIGHT)
 class Bench:
     """A run whose nodes are played by hand: real source, GLB and graph; no OpenGL, no network."""
 
-    def __init__(self, folder, *, fit=None, effects="auto", glb_name="cube.glb"):
+    def __init__(self, folder, *, fit=None, effects="auto", glb_name="cube.glb", **objects):
         folder.mkdir(exist_ok=True)
         self.folder = folder
         self.rgb = plate()
@@ -69,7 +70,7 @@ class Bench:
         lens = LensRequest(fit=fit, effects=effects)
         view = View(width=WIDTH, height=HEIGHT)
         self.session = open_session(
-            ObjectSettings(glb=glb), lens, view,
+            ObjectSettings(glb=glb, **objects), lens, view,
             Profiler(180.0),  # the opening takes real time, which is another in each run
             PlatePreview(lambda: ()),
         )  # fmt: skip
@@ -192,6 +193,15 @@ def test_report_describes_the_lens_in_plain_words(measured):
     least, most = map(float, re.search(r"\(CoC\) is ([\d.]+) to ([\d.]+) px", text).groups())
     assert least == pytest.approx(SLOPE / 1.8 + INTERCEPT, abs=0.3)
     assert most == pytest.approx(SLOPE / 1.5 + INTERCEPT, abs=0.3)
+
+
+def test_lengths_of_a_plate_without_scale_are_in_units_not_in_metres(tmp_path):
+    place = Placement(at=(0.5, 0.8), size=0.3, horizon=0.3)
+    text = read(measured_run(Bench(tmp_path / "run", placing=place), frames=1)).text
+    assert re.search(r"in focus at [\d.]+ units from the camera", text)
+    assert "units away" in text and "px units" in text and "disparity (1 / units)" in text
+    assert "Lengths are in units of the GLB." in text
+    assert not re.search(r"\d m\b|\(m\)|px m\b", text)
 
 
 def test_a_good_fit_gives_no_warning(measured):

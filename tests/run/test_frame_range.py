@@ -10,10 +10,11 @@ from support.programs import made
 
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.video.exr import LINEAR
-from nlens_video.video.info import CopiedStream, SourceFrame, SourceInfo, part_of
+from nlens_video.video.info import CopiedStream, SourceFrame, SourceInfo
 from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
+from nlens_video.video.times.part import part_of
 
 RATE = 25
 STREAMS = ("video", "audio", "subtitle")

@@ -1,10 +1,11 @@
 """Temporal mean of plate frames: static areas are averaged, moving ones are kept."""
 
+import cv2
 import numpy as np
 import pytest
 
 from nlens_video.run.frame_range import LOOKAHEAD_FRAMES, look_ahead
-from nlens_video.stages.f_coc import temporal_mean
+from nlens_video.stages.f_coc import still_run, temporal_mean
 
 HEIGHT, WIDTH = 120, 160
 
@@ -75,6 +76,23 @@ def test_global_change_of_light_is_not_motion(rng, scene):
     mean, used = temporal_mean(frames[0], frames[1:])
     assert used == 4
     assert np.std(mean - mean.mean() - (scene - scene.mean())) < 0.7 * 0.01
+
+
+def coarsely_grained(rng, across):
+    """A slope of light above a chequered strip, from `across` pixels aside, with coarse noise."""
+    y, x = np.mgrid[0:320, 0:480]
+    x = x + across
+    chequered = 80.0 + 40.0 * np.clip(3.0 * np.sin(x / 4) * np.sin(y / 4), -1.0, 1.0)
+    code = np.where(y < 240, 80.0 + 60.0 * x / 480, chequered)
+    grain = cv2.GaussianBlur(rng.standard_normal((*code.shape, 3)), (0, 0), 2.0)
+    return ((code[..., None] + 8.0 * grain / grain.std()) / 255.0).astype(np.float32)
+
+
+@pytest.mark.parametrize(("across", "still"), [(0.0, 4), (0.5, 1), (1.0, 1), (4.0, 1), (200.0, 1)])
+def test_camera_stands_still_under_coarse_grain_only_if_nothing_shifts(rng, across, still):
+    first = coarsely_grained(rng, 0.0)
+    kept, same = still_run([first, *(coarsely_grained(rng, across) for _ in range(3))])
+    assert len(kept) == still and same.mean() > 0.98
 
 
 def test_flat_or_tiny_plate_is_accepted():

@@ -243,3 +243,136 @@ def test_light_beyond_half_float_becomes_its_largest(tmp_path):
     write_layers(tmp_path / "a.exr", {"R": bright}, half=True)
     found = read_exr(tmp_path / "a.exr").channels["R"]
     np.testing.assert_array_equal(found, [[65504.0, -65504.0, np.inf, 1.5]])
+
+
+SHOT = {
+    "owner": "show_x", "reelName": "A001C003", "expTime": 0.0208, "camera:iso": "800",
+    "pixelAspectRatio": 2.0, "cryptomatte/ab": "uint32", "views": ["left", "right"],
+}  # fmt: skip
+
+
+def store_shot(path, made, *, box=None, size=None, second=0, **more):
+    """A file of a shot: attributes, a timecode, DWAA; the display window begins at 100, 50."""
+    x0, y0, x1, y1 = box or (100, 50, 108, 56)
+    width, height = size or (8, 6)
+    header = {
+        "compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage,
+        "dataWindow": (np.array([x0, y0], "i4"), np.array([x1 - 1, y1 - 1], "i4")),
+        "displayWindow": (
+            np.array([100, 50], "i4"), np.array([99 + width, 49 + height], "i4"),
+        ),
+        "timeCode": OpenEXR.TimeCode(1, 2, second, 4, *[0] * 14), **SHOT, **more,
+    }  # fmt: skip
+    with OpenEXR.File(header, dict(made)) as file:  # it changes the dictionary
+        file.write(str(path))
+
+
+def stored(path):
+    """Header and samples of a file, in their own types."""
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        samples = {name: channel.pixels for name, channel in file.channels().items()}
+        return dict(file.header()), samples
+
+
+def test_attributes_and_compression_of_each_file_of_a_sequence_stay(tmp_path):
+    for number in (7, 8):
+        store_shot(tmp_path / f"p_{number}.exr", half_channels(), second=number)
+    assert copy(tmp_path / "p_%d.exr", tmp_path / "out_%d.exr") == ()
+    for number in (7, 8):
+        was, has = (stored(tmp_path / f"{name}_{number}.exr")[0] for name in ("p", "out"))
+        assert has["timeCode"].seconds == number
+        for name in ("compression", *SHOT):
+            assert has[name] == was[name], name
+        np.testing.assert_array_equal(has["displayWindow"], was["displayWindow"])
+
+
+def further_channels(height, width):
+    """Channels beside the picture, in each of OpenEXR's types."""
+    rng = np.random.default_rng(1)
+    return {
+        "Z": rng.random((height, width), np.float32),
+        "matte.hero": rng.random((height, width)).astype(np.float16),
+        "id": rng.integers(1 << 31, 1 << 32, (height, width), np.uint32),
+    }
+
+
+@pytest.mark.parametrize(
+    "box", [(100, 50, 108, 56), (96, 47, 112, 58), (102, 51, 106, 54), (98, 52, 106, 60)]
+)
+def test_further_channels_and_overscan_stay_to_the_bit(tmp_path, box):
+    height, width = box[3] - box[1], box[2] - box[0]
+    picture = {name: part[:1, :1] for name, part in half_channels().items()}
+    picture = {name: np.tile(part, (height, width)) for name, part in picture.items()}
+    made = {**picture, **further_channels(height, width)}
+    store_shot(tmp_path / "in.exr", made, box=box)
+    copy(tmp_path / "in.exr", tmp_path / "out.exr", box=Box(0, 0, 8, 6))
+    header, found = stored(tmp_path / "out.exr")
+    (x0, y0), (x1, y1) = header["dataWindow"]
+    assert (x0, y0) == (min(box[0], 100), min(box[1], 50))
+    assert (x1, y1) == (max(box[2], 108) - 1, max(box[3], 56) - 1)
+    own = np.s_[box[1] - y0 : box[3] - y0, box[0] - x0 : box[2] - x0]
+    shown = np.s_[50 - y0 : 56 - y0, 100 - x0 : 108 - x0]
+    for name, part in made.items():
+        assert found[name].dtype == part.dtype
+        if name in picture:
+            outside = np.ones(found[name].shape, bool)
+            outside[shown] = False
+            np.testing.assert_array_equal(found[name][own][outside[own]], part[outside[own]])
+            assert (found[name][shown] > 0.4).all()  # the layer of 0.5 lies over it
+        else:
+            np.testing.assert_array_equal(found[name][own], part)
+
+
+def test_grey_plate_with_further_channels_becomes_a_coloured_picture_beside_them(tmp_path):
+    made = {"Y": half_channels()["R"], **further_channels(6, 8)}
+    store_shot(tmp_path / "in.exr", made)
+    copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    _, found = stored(tmp_path / "out.exr")
+    assert set(found) == {"R", "G", "B", "Z", "matte.hero", "id"}
+    np.testing.assert_array_equal(found["G"], made["Y"])
+
+
+def test_picture_of_a_range_gets_the_attributes_of_its_own_file(tmp_path):
+    for number in (3, 4):
+        store_shot(tmp_path / f"p_{number}.exr", half_channels(), second=number)
+    spec = str(tmp_path / "p_%d.exr")
+    with open_source(spec) as source:
+        with open_sink(str(tmp_path / "one.exr"), source.info, one_frame=True) as sink:
+            sink.write(list(source)[1])
+            sink.commit()
+    assert stored(tmp_path / "one.exr")[0]["timeCode"].seconds == 4
+
+
+def test_unknown_primaries_stay_in_the_header(tmp_path):
+    odd = (0.5, 0.3, 0.2, 0.7, 0.1, 0.1, 0.3, 0.3)
+    store_shot(tmp_path / "in.exr", half_channels(), chromaticities=odd)
+    copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    assert stored(tmp_path / "out.exr")[0]["chromaticities"] == pytest.approx(odd)
+
+
+def test_further_parts_are_left_out_with_a_note(tmp_path):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    parts = [
+        OpenEXR.Part(dict(header), half_channels(), "beauty"),
+        OpenEXR.Part(dict(header), {"Z": channels()["Z"]}, "depth"),
+    ]
+    with OpenEXR.File(parts) as file:
+        file.write(str(tmp_path / "in.exr"))
+    (note,) = copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    assert note == "the first of 2 parts is kept: the picture is taken from it"
+    assert set(stored(tmp_path / "out.exr")[1]) == set("RGB")
+
+
+def test_rate_that_is_a_fraction_and_attributes_of_unknown_types_stay(tmp_path):
+    picture = av.VideoFrame.from_ndarray(np.zeros((6, 8, 3), np.float32), "gbrpf32le")
+    with av.open(str(tmp_path / "in.exr"), "w", format="image2") as out:
+        stream = out.add_stream("exr", 24)  # FFmpeg writes the rate as a fraction
+        stream.width, stream.height, stream.pix_fmt = 8, 6, "gbrpf32le"
+        out.mux([*stream.encode(picture), *stream.encode(None)])
+    data = (tmp_path / "in.exr").read_bytes()
+    odd = data.replace(b"writer\0string\0", b"writer\0strinx\0")
+    (tmp_path / "in.exr").write_bytes(odd)
+    assert len(odd) == len(data) and odd != data
+    copy(tmp_path / "in.exr", tmp_path / "out.exr")
+    assert stored(tmp_path / "out.exr")[0]["framesPerSecond"] == 24
+    assert b"writer\0strinx\0\x04\0\0\0lavc" in (tmp_path / "out.exr").read_bytes()

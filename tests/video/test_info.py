@@ -6,9 +6,9 @@ from fractions import Fraction
 import pytest
 from support.clips import noise_frame, write_clip
 
-from nlens_video.video.info import advanced_timecode, part_of
 from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
+from nlens_video.video.times.part import advanced_timecode, part_of
 
 NTSC = Fraction(30000, 1001)
 

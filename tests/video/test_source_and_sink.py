@@ -24,8 +24,8 @@ from nlens_video.core.layers import Box
 from nlens_video.video.atomic_files import partial_name
 from nlens_video.video.exr import write_layers
 from nlens_video.video.input.source import open_source
-from nlens_video.video.output.encoding import EncoderClock
 from nlens_video.video.output.sink import open_sink
+from nlens_video.video.times.encoder_clocks import EncoderClock
 
 
 def frames(path):

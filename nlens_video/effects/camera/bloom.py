@@ -119,12 +119,12 @@ def _halo(light: Float32) -> _Halo:
     certainty = fit.share / fit.error if fit.error > 0 else 0.0
     levels = _levels_beside(light, lamps, fit.share * halo)
     words = (
-        f"light round what clips: {levels:.1f} levels of a halo that reaches "
-        f"{found_length:.0f} px of {light.shape[1]} ({certainty:.0f} standard errors, "
+        f"halo around clipped highlights: {levels:.1f} levels, reaching "
+        f"{found_length:.0f} px of {light.shape[1]} ({certainty:.0f} times its error, "
         f"{count} sectors, {fit.contrast:.1f} times as strong as what else is there)"
     )
     if fit.share > _MOST_SHARE:
-        words += "; more than white light has, as round the sun: the object has none such"
+        words += "; more than a white highlight causes, as around the sun: the object gets none"
     return _Halo(
         words=words, share=fit.share, length_px=found_length, levels=levels,
         certain=certainty >= _LEAST_CERTAINTY

@@ -18,7 +18,6 @@ from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 
-LAGS = 3  # reach of the spatial correlation, each way [px]
 _PERSISTENT = 0.03  # share of a past picture's noise that is neglected
 _MOST_PAST = 12  # past pictures in the noise
 _SEED = 20
@@ -27,7 +26,7 @@ TILE_PX = 512
 """Side of the noise that is laid on each frame from another place [px]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class GrainModel:
     """A plate's noise in display-coded values.
 
@@ -35,7 +34,7 @@ class GrainModel:
         levels: code values at which `deviation` is known, increasing (B,) [sRGB code].
         deviation: of red, green and blue (B, 3) [sRGB code].
         mixing: of three independent parts into the channels (3, 3), noise = mixing @ parts.
-        kernels: spatial correlation of each part, of unit energy (3, 2 LAGS + 1, 2 LAGS + 1).
+        kernels: spatial correlation of each part, of unit energy (3, 2 R + 1, 2 R + 1).
         persistence: correlation with the next picture, in [0, 1) [1].
     """
 
@@ -45,50 +44,68 @@ class GrainModel:
     kernels: Float32
     persistence: float
 
+    @cached_property
+    def tile(self) -> Float32:
+        """Noise of unit deviation (TILE_PX, TILE_PX, 3) that goes on beyond each edge."""
+        parts = []
+        reach = self.kernels.shape[1] // 2
+        for part, kernel in enumerate(self.kernels):
+            white = white_noise((0, 0), (TILE_PX, TILE_PX), 0, _SEED + part)
+            around = np.pad(white, reach, mode="wrap")
+            parts.append(cv2.filter2D(around, -1, kernel)[reach:-reach, reach:-reach])
+        return np.asarray(cv2.transform(cv2.merge(parts), self.mixing), np.float32)
+
+    @cached_property
+    def curve(self) -> Float32:
+        """Deviation at 256 levels from black to white (256, 3) [sRGB code]."""
+        at = np.linspace(0.0, 1.0, 256)
+        return np.stack(
+            [np.interp(at, self.levels, self.deviation[:, c]) for c in range(3)], axis=1
+        ).astype(np.float32)
+
+    def unit_noise(self, box: Box, index: int, draw: int = 0) -> Float32:
+        """Noise (h, w, 3) of unit deviation at every level, on a box of a frame.
+
+        Args:
+            box: of the frame [px].
+            index: of the frame.
+            draw: number among the layers of a frame, whose noise is independent.
+        """
+        shares = past_shares(self.persistence)
+        places = [place_on_tile(index - back, draw) for back in range(len(shares))]
+        return tiled(self.tile, box, places, shares)
+
 
 @dataclass(frozen=True, eq=False)
 class AddGrain:
-    """Adds grain to the object's layer, so that its composite is as noisy as the plate."""
+    """Adds grain to a layer, so that its composite is as noisy as the plate.
+
+    Attributes:
+        model: of the plate.
+        draw: number among the layers of a frame, whose noise is independent.
+    """
 
     model: GrainModel
+    draw: int = 0
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, index: int) -> BlurredLayer:
         """Grain one frame; the noise depends on its index. `picture` is the plate, unchanged."""
         if blurred.box.empty:
             return blurred
         plate = picture.linear(blurred.box)
-        noise = self.unit_noise(blurred.box, index)
-        return BlurredLayer(box=blurred.box, rgba=regrain(blurred.rgba, plate, noise, self._curve))
-
-    def unit_noise(self, box: Box, index: int) -> Float32:
-        """Noise (h, w, 3) of unit deviation at every level, on a box of a frame."""
-        shares = past_shares(self.model.persistence)
-        places = [place_on_tile(index - back) for back in range(len(shares))]
-        return tiled(self._tile, box, places, shares)
-
-    @cached_property
-    def _tile(self) -> Float32:
-        """Noise of unit deviation (TILE_PX, TILE_PX, 3) that goes on beyond each edge."""
-        parts = []
-        for part, kernel in enumerate(self.model.kernels):
-            white = white_noise((0, 0), (TILE_PX, TILE_PX), 0, _SEED + part)
-            around = np.pad(white, LAGS, mode="wrap")
-            parts.append(cv2.filter2D(around, -1, kernel)[LAGS:-LAGS, LAGS:-LAGS])
-        return np.asarray(cv2.transform(cv2.merge(parts), self.model.mixing), np.float32)
-
-    @cached_property
-    def _curve(self) -> Float32:
-        """Deviation at 256 levels (256, 3) [sRGB code]."""
-        levels = np.linspace(0.0, 1.0, 256)
-        model = self.model
-        return np.stack(
-            [np.interp(levels, model.levels, model.deviation[:, c]) for c in range(3)], axis=1
-        ).astype(np.float32)
+        noise = self.model.unit_noise(blurred.box, index, self.draw)
+        rgba = regrain(blurred.rgba, plate, noise, self.model.curve)
+        return BlurredLayer(box=blurred.box, rgba=rgba)
 
 
-def place_on_tile(index: int) -> tuple[int, int]:
-    """Row and column of the tile at the frame's first pixel, at random for each frame [px]."""
-    bits = _mixed(_mixed(index & _WORD) ^ _SEED)
+def place_on_tile(index: int, draw: int = 0) -> tuple[int, int]:
+    """Row and column of the tile at the frame's first pixel, at random for each layer [px].
+
+    Args:
+        index: of the frame.
+        draw: number among its layers.
+    """
+    bits = _mixed(_mixed(index & _WORD) ^ (_SEED + draw))
     return bits % TILE_PX, bits // TILE_PX % TILE_PX
 
 

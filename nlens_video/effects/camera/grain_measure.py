@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64, Picture
-from nlens_video.effects.camera.grain import LAGS, GrainModel
+from nlens_video.effects.camera.grain import GrainModel
 from nlens_video.effects.camera.plate_noise import (
     LEAST_PIXELS,
     PlateNoise,
@@ -25,6 +25,8 @@ EFFECT = "grain"
 THRESHOLD = 0.6  # 8-bit levels: what remains visible after rounding to them
 _SINGLE_FACTOR = 2.5  # on the threshold, for a single picture
 _LEVELS = 12
+_REACHES = (3, 9)  # of the spatial correlation, each way: of grain as a rule, of coarse grain [px]
+_ALIKE = 0.15  # correlation at the reach, beyond which grain is coarse
 _OUTLIER = 4.0  # deviations beyond which a change is no noise
 _COST_MS_PER_MEGAPIXEL = 90.0  # measured, of the object's box
 _BOX_SHARE = 0.15  # of the frame, that an object's box is taken to cover
@@ -98,34 +100,44 @@ def _by_level(squares: Float32, counts: Float32, level: Float32, middles: Float6
 
 
 def _covariances(noise: Float32, used: Bool) -> Float64:
-    """Covariance of neighbours up to `LAGS` pixels apart, by channel (3, 2 LAGS + 1, 2 LAGS + 1).
+    """Covariance of neighbours by channel (3, 2 R + 1, 2 R + 1), as far as grain reaches [px].
 
     `noise` (3, H, W) is 0 where it is not used.
     """
-    width = 2 * LAGS + 1
+    for reach in _REACHES:
+        found = _covariances_up_to(noise, used, reach)
+        ends = np.maximum(found[:, reach, -1], found[:, -1, reach])
+        if (ends <= _ALIKE * found[:, reach, reach]).all():
+            break
+    return found
+
+
+def _covariances_up_to(noise: Float32, used: Bool, reach: int) -> Float64:
+    width = 2 * reach + 1
     covariance = np.zeros((len(noise), width, width))
     height, columns = used.shape
-    for down in range(LAGS + 1):
-        for across in range(-LAGS, LAGS + 1):
+    for down in range(reach + 1):
+        for across in range(-reach, reach + 1):
             one = np.s_[: height - down, max(0, -across) : columns - max(0, across)]
             other = np.s_[down:, max(0, across) : columns - max(0, -across)]
             count = max(1, np.count_nonzero(used[one] & used[other]))
             sums = np.einsum("chw,chw->c", noise[:, *one], noise[:, *other])
-            covariance[:, LAGS + down, LAGS + across] = sums / count
-            covariance[:, LAGS - down, LAGS - across] = sums / count
+            covariance[:, reach + down, reach + across] = sums / count
+            covariance[:, reach - down, reach - across] = sums / count
     return covariance
 
 
 def _kernel(covariance: Float64) -> Float64:
-    """A kernel (2 LAGS + 1, 2 LAGS + 1) of unit energy that gives white noise this correlation."""
-    width, grid = 2 * LAGS + 1, 8 * LAGS
+    """A kernel of unit energy that gives white noise this correlation, both (2 R + 1, 2 R + 1)."""
+    width = len(covariance)
+    reach, grid = width // 2, 4 * (width - 1)
     padded = np.zeros((grid, grid))
     padded[:width, :width] = covariance
-    spectrum = np.fft.fft2(np.roll(padded, (-LAGS, -LAGS), axis=(0, 1))).real
+    spectrum = np.fft.fft2(np.roll(padded, (-reach, -reach), axis=(0, 1))).real
     kernel = np.fft.ifft2(np.sqrt(np.maximum(spectrum, 0.0))).real
-    kernel = np.roll(kernel, (LAGS, LAGS), axis=(0, 1))[:width, :width]
+    kernel = np.roll(kernel, (reach, reach), axis=(0, 1))[:width, :width]
     energy = float(np.sqrt(np.square(kernel).sum()))
     if not energy > 0.0:
         kernel, energy = np.zeros((width, width)), 1.0
-        kernel[LAGS, LAGS] = 1.0
+        kernel[reach, reach] = 1.0
     return np.asarray(kernel / energy)

@@ -55,7 +55,7 @@ class RadialFit:
     def describe(self) -> str:
         """Its certainty, for people."""
         alike = "alike in all quadrants" if self.consistent else "not alike in all quadrants"
-        return f"{self.certainty:.0f} standard errors in {self.count} windows, {alike}"
+        return f"{self.certainty:.0f} times its standard error in {self.count} windows, {alike}"
 
     def after(self, before: RadialFit) -> RadialFit:
         """This fit added to one that was undone first."""

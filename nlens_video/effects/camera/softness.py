@@ -67,7 +67,7 @@ def _floor(grey: Float32) -> tuple[float, str]:
     variance = np.maximum(0.5 * (first + second)[step], 0.0)
     sigma_px = float(np.sqrt(np.quantile(variance, _SHARPEST))) + _BIAS_PX
     if sigma_px > _LENS_PX:
-        return 0.0, "nothing in the plate is in focus, so its floor is not to be seen"
+        return 0.0, "nothing in the plate is in focus, so the camera's softness cannot be measured"
     return sigma_px, f"sharpest of {int(step.sum())} edge pixels"
 
 

@@ -166,9 +166,11 @@ class BlurredShadow:
     loss: Float32
 
     @cached_property
-    def layer(self) -> Float32 | None:
-        """What darkens the plate as a layer of its light (h, w, 4); None where nothing is lost."""
-        return _darkening(self.loss) if not self.box.empty and self.loss.any() else None
+    def darkening(self) -> BlurredLayer:
+        """What darkens the plate, as a layer whose colours are multiples of the plate's light."""
+        if self.box.empty or not self.loss.any():
+            return BlurredLayer.nothing()
+        return BlurredLayer(box=self.box, rgba=_darkening(self.loss))
 
     def mixed(self, other: BlurredShadow | None, box: Box, part: Float32) -> BlurredShadow:
         """This shadow and another where only a part of the ground is as this one takes it.
@@ -218,18 +220,8 @@ class ApplyShadow:
             frame: the frame's own box.
             matte: of things in front of the ground.
         """
-        return self.darken(picture, self.blurred(shadow, frame), matte)
-
-    def darken(
-        self, picture: Picture, blurred: BlurredShadow, matte: ForegroundMatte | None
-    ) -> Picture:
-        """As `__call__`, with a shadow from `blurred`."""
-        box, layer = blurred.box, blurred.layer
-        if layer is not None:
-            if matte is not None:
-                layer = _darkening(_behind(blurred.loss, picture.linear(box), box, matte))
-            picture.composite_over(box, layer, of_plate=True)
-        return picture
+        blurred = self.blurred(shadow, frame)
+        return multiply(picture, behind_foreground(blurred, picture, matte))
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredShadow:
         """The shadow as the lens shows it."""
@@ -265,6 +257,31 @@ class ApplyShadow:
         rgba: Float32 = np.asarray(cv2.transform(shadow.loss, _WITH_MEAN), dtype=np.float32)
         layer = ObjectLayer(box=box, rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32))
         return self.blur(DefocusedLayer(layer=layer, coc_px=coc), frame)
+
+
+def behind_foreground(
+    blurred: BlurredShadow, picture: Picture, matte: ForegroundMatte | None
+) -> BlurredLayer:
+    """What darkens the plate behind a foreground, as a layer of multiples of the plate's light.
+
+    Args:
+        blurred: the shadow.
+        picture: the plate; unchanged.
+        matte: of things in front of the ground.
+    """
+    layer = blurred.darkening
+    if matte is None or layer.box.empty:
+        return layer
+    box = layer.box
+    loss = _behind(blurred.loss, picture.linear(box), box, matte)
+    return BlurredLayer(box=box, rgba=_darkening(loss))
+
+
+def multiply(picture: Picture, darkening: BlurredLayer) -> Picture:
+    """Composite a layer of multiples of the plate's light in place; returns the picture."""
+    if not darkening.box.empty:
+        picture.composite_over(darkening.box, darkening.rgba, of_plate=True)
+    return picture
 
 
 def _behind(loss: Float32, plate: Float32, box: Box, matte: ForegroundMatte) -> Float32:

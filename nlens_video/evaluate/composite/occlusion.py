@@ -84,7 +84,7 @@ def evaluate_occlusion(folder: Path, out: Path | None, *, as_json: bool, quiet: 
     columns = ["row", "clip", "frame", "psnr_db", "before", "matte_percent"]
     Report(
         name="occlusion",
-        sections=[f"# What walks before an object\n\n{', '.join(table.plates())}\n"],
+        sections=[f"# Moving foreground\n\n{', '.join(table.plates())}\n"],
         tables=[table],
         files={"occlusion_frames.csv": csv_lines(columns, frames)},
     ).publish(out, as_json=as_json, quiet=quiet)

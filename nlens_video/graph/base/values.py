@@ -68,7 +68,9 @@ class FrameValues:
         defocused: that layer with its signed CoC [px] and the surfaces that it hides.
         views: mean of a few aperture samples, and its share of the result.
         shadow: share of the ground's light that the object blocks, with the ground's CoC.
+        darkening: what darkens the plate, as a layer whose colours are multiples of its light.
         reflection: mirror image of the object in the ground, with its CoC.
+        mirrored: the mirror image blurred by the lens; value of its chain of layer operations.
         occlusion_cue: matte, depth map or CoC map from which occlusion is derived.
         foreground: mattes of real things before the object and before the ground.
         blurred: the object's layer blurred by the lens; value of the chain of layer operations.
@@ -92,7 +94,9 @@ class FrameValues:
     defocused: DefocusedLayer | None = None
     views: ViewBlend | None = None
     shadow: Shadow | None = None
+    darkening: BlurredLayer | None = None
     reflection: DefocusedLayer | None = None
+    mirrored: BlurredLayer | None = None
     occlusion_cue: OcclusionCue | None = None
     foreground: Foreground | None = None
     blurred: BlurredLayer | None = None

@@ -19,6 +19,7 @@ from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placemen
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf.animations import listed
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedScene
 from nlens_video.scene.scene import Scene
@@ -45,6 +46,7 @@ class View:
         cameras: those, in the world of the file, None before `choose_camera`.
         overscan_px: how far beyond the frame the object is rendered, without its blur [px].
         frame_s: from one frame to the next on average, 0 for a still or where unknown [s].
+        length_s: of the plate, None where it is not known [s].
     """
 
     width: int
@@ -57,6 +59,7 @@ class View:
     cameras: PlacedCamera | None = None
     overscan_px: int = 0
     frame_s: float = 0.0
+    length_s: float | None = None
 
     @property
     def unit_m(self) -> float | None:
@@ -141,11 +144,20 @@ def choose_camera(
         view.camera_at(scene, 0.0)
         if objects.fov_deg is not None:
             raise UsageError("--fov is of an object without a camera; leave it out")
-        return view, ()
+        return view, _other_cameras(scene, view)
     if objects.layers is not None:
         raise UsageError("--layers were rendered through the GLB's own camera; leave --at out")
     view, note = _placed_by_eye(objects, scene, view, placing)
     return view, (note,)
+
+
+def _other_cameras(scene: Scene, view: View) -> tuple[Note, ...]:
+    """A note on the cameras of the file that are not used, where none of several was asked for."""
+    used, *others = scene.camera_names
+    if view.camera is not None or not others:
+        return ()
+    text = f"of {1 + len(others)} cameras '{used}' is used; --camera NAME uses another"
+    return (Note(f"{text}: {listed(others)}", NoteKind.INFORMATION),)
 
 
 def _placed_by_eye(
@@ -162,7 +174,7 @@ def _placed_by_eye(
     note = Note(
         f"placed by {placing.describe()}, focal length {focal:.4g} mm "
         f"(35 mm equivalent, {known}){unused}",
-        NoteKind.CAMERA if unused else NoteKind.OTHER,
+        NoteKind.INFORMATION,
     )
     vertices = scene.pose(0.0).vertices()
     contact = contact_point(vertices, objects.ground_y)
@@ -201,15 +213,19 @@ def _with_solved_camera(
     guessed = solved.place_guessed and not wish.at
     why = "a guess: no line or blur tells that this is ground" if guessed else "chosen"
     chosen = "" if wish.at else f" ({why}; --at X,Y and --size S place it elsewhere)"
-    found, uncertain = what_was_found(solved), doubt(solved)
+    found = what_was_found(solved)
+    uncertain = doubt(solved, from_file=objects.camera_from is not None)
     given = {"--at": wish.at, "--size": wish.size, "--height": wish.height_m}
     option = next((name for name, value in given.items() if value is not None), "--yaw")
-    unused = f"the file's own camera is not used: {option} places the object"
+    unused = (
+        f"the file's own camera is not used: {option} places the object; leave {option} out to "
+        "use that camera"
+    )
     return replace(view, cameras=cameras), (
-        *([Note(unused, NoteKind.CAMERA)] if scene.camera_names else []),
+        *([Note(unused, NoteKind.INFORMATION)] if scene.camera_names else []),
         *([Note(found, NoteKind.INFORMATION)] if found else []),
         *([Note(uncertain, NoteKind.UNCERTAIN)] if uncertain else []),
-        Note(f"placed by {said}{chosen}", NoteKind.UNCERTAIN if guessed else NoteKind.OTHER),
+        Note(f"placed by {said}{chosen}", NoteKind.UNCERTAIN if guessed else NoteKind.INFORMATION),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 from nlens_video.core.box import Box
 from nlens_video.core.errors import UsageError
@@ -17,6 +17,7 @@ from nlens_video.effects.camera.distortion_apply import (
     distort_shadow,
 )
 from nlens_video.effects.camera.grain import AddGrain
+from nlens_video.effects.camera.grain_restore import RestoreGrain
 from nlens_video.effects.camera.softness import missing_sigma, soften
 from nlens_video.effects.camera.vignetting import vignette
 from nlens_video.graph.base.node import Node, Unavailable
@@ -117,14 +118,31 @@ class Grain(Node):
 
     name, writes = "grain", "blurred"
     effect, lane = "grain", "composite"
+    draw: ClassVar[int] = 0
 
     def __init__(self, context: NodeContext) -> None:
         model = cast("GrainModel", measured_model(context, "grain"))
-        self._add = AddGrain(model)
+        self._add = AddGrain(model, self.draw)
         self.description = f"noise by level, temporal correlation {model.persistence:.0%}, C++"
 
     def __call__(self, picture: Picture, blurred: BlurredLayer, frame: SourceFrame) -> BlurredLayer:
         return self._add(picture, blurred, frame.index)
+
+
+class GrainShadow(Node):
+    """Grain of the shadow: what the plate's noise lacks once it is darkened."""
+
+    name, writes = "grain-shadow", "darkening"
+    effect, lane = "grain", "composite"
+    description = "missing noise by level, where a twentieth of the light is lost or more"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._add = RestoreGrain(cast("GrainModel", measured_model(context, "grain")), draw=2)
+
+    def __call__(
+        self, picture: Picture, darkening: BlurredLayer, frame: SourceFrame
+    ) -> BlurredLayer:
+        return self._add(picture, darkening, frame.index)
 
 
 class _Distorts:

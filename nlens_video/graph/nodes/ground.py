@@ -21,7 +21,13 @@ from nlens_video.effects.foreground.received_shadow import (
 from nlens_video.effects.motion_blur import sampled_count
 from nlens_video.effects.occlusion_cues import MovingThings
 from nlens_video.effects.planner import SHADOW
-from nlens_video.effects.shadow.apply import ApplyShadow, Shade, ground_blur
+from nlens_video.effects.shadow.apply import (
+    ApplyShadow,
+    Shade,
+    behind_foreground,
+    ground_blur,
+    multiply,
+)
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
@@ -30,7 +36,7 @@ from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.scene.patches import Patches
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import DepthMap, Float64, Picture
+    from nlens_video.core.layers import BlurredLayer, DepthMap, Float64, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.occlusion_cues import OcclusionCue
@@ -198,10 +204,10 @@ def _bounds(places: Float64) -> Box:
     return Box(math.floor(x.min()), math.floor(y.min()), math.ceil(x.max()), math.ceil(y.max()))
 
 
-class CompositeShadow(Node):
-    """The plate multiplied by the light that the shadow leaves, blurred by the ground's CoC."""
+class BlurShadow(Node):
+    """What darkens the plate: the shadow blurred by the ground's CoC, behind the foreground."""
 
-    name, writes = "composite-shadow", "picture"
+    name, writes = "blur-shadow", "darkening"
     effect, lane = SHADOW, "composite"
 
     def __init__(self, context: NodeContext) -> None:
@@ -210,21 +216,20 @@ class CompositeShadow(Node):
         self._last: tuple[Shadow, BlurredShadow] | None = None
         self._last_shade: tuple[Shadow, BlurredShadow | None, float] | None = None
         self.description = (
-            "plate times remaining light, blurred by the ground's CoC; where what moves hides the "
-            "sun, of the other light alone"
+            "blurred by the ground's CoC; where what moves hides the sun, of the other light alone"
         )
 
     def __call__(
         self, picture: Picture, shadow: Shadow, frame_box: Box, foreground: Foreground | None,
         occlusion_cue: OcclusionCue | None,
-    ) -> Picture:  # fmt: skip
+    ) -> BlurredLayer:  # fmt: skip
         if self._last is None or self._last[0] is not shadow:
             self._last = shadow, self._apply.blurred(shadow, frame_box)
         blurred = self._last[1]
         if isinstance(occlusion_cue, MovingThings) and len(occlusion_cue.feet):
             blurred = self._beside(occlusion_cue, picture, shadow, blurred, frame_box)
         cover = None if foreground is None else foreground.before_shadow
-        return self._apply.darken(picture, blurred, cover)
+        return behind_foreground(blurred, picture, cover)
 
     def _beside(
         self, things: MovingThings, picture: Picture, shadow: Shadow, blurred: BlurredShadow,
@@ -242,6 +247,17 @@ class CompositeShadow(Node):
             return blurred
         ground = ground_light(picture, things.background(picture))
         return blurred.mixed(lit, ground.box, sunlit_fraction(ground, left))
+
+
+class CompositeShadow(Node):
+    """The plate multiplied by the light that the shadow leaves."""
+
+    name, writes = "composite-shadow", "picture"
+    effect, lane = SHADOW, "composite"
+    description = "plate times remaining light"
+
+    def __call__(self, picture: Picture, darkening: BlurredLayer) -> Picture:
+        return multiply(picture, darkening)
 
 
 def equal_values(first: object, second: object) -> bool:

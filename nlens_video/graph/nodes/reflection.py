@@ -9,13 +9,14 @@ import numpy as np
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.effects.motion_blur import mean_layer, sampled_count
 from nlens_video.effects.planner import REFLECTION
-from nlens_video.effects.reflection import OverlayReflection, RenderReflection
+from nlens_video.effects.reflection import RenderReflection
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
+from nlens_video.stages.composite import composite_behind
 from nlens_video.stages.l_reblur import object_coc
 
 if TYPE_CHECKING:
-    from nlens_video.core.layers import Box, ObjectLayer, Picture
+    from nlens_video.core.layers import BlurredLayer, Box, ObjectLayer, Picture
     from nlens_video.core.lens_fit import LensFit
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.graph.base.context import NodeContext
@@ -81,19 +82,34 @@ class Reflect(Node):
         return sampled_count(places, np.asarray(coc, dtype=np.float64))
 
 
+class BlurReflection(Node):
+    """The mirror image blurred by its own CoC."""
+
+    name, writes = "blur-reflection", "mirrored"
+    effect, lane = REFLECTION, "composite"
+    description = "blurred by its own CoC"
+
+    def __init__(self, context: NodeContext) -> None:
+        self._blur = make_reblur(context)
+
+    def __call__(self, reflection: DefocusedLayer, frame_box: Box) -> BlurredLayer:
+        return self._blur(reflection, frame_box)
+
+
 class CompositeReflection(Node):
-    """The mirror image over the plate and under the object, blurred by its own CoC."""
+    """The mirror image over the plate, under the object.
+
+    The mirrored surroundings that it hides are assumed as bright as the plate is there.
+    """
 
     name, writes = "composite-reflection", "picture"
     effect, lane = REFLECTION, "composite"
-
-    def __init__(self, context: NodeContext) -> None:
-        self._overlay = OverlayReflection(make_reblur(context))
-        self.description = "over the plate, under the object, blurred by its own CoC"
+    description = "over the plate, under the object"
 
     def __call__(
-        self, picture: Picture, reflection: DefocusedLayer, frame_box: Box,
-        foreground: Foreground | None,
-    ) -> Picture:  # fmt: skip
-        cover = None if foreground is None else foreground.before_ground
-        return self._overlay(picture, reflection, frame_box, cover)
+        self, picture: Picture, mirrored: BlurredLayer, foreground: Foreground | None
+    ) -> Picture:
+        if not mirrored.box.empty:
+            cover = None if foreground is None else foreground.before_ground
+            composite_behind(picture, mirrored.box, mirrored.rgba, cover)
+        return picture

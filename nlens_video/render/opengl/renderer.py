@@ -91,9 +91,9 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
     def draw_behind(self, view: ViewSetup, front: FrontSurfaces) -> BehindPicture | None:
         """See `Drawer`.
 
-        Blended materials are left out: light that comes through them is in that picture already.
+        Blended materials are in front alone, and what comes through them is not.
         """
-        self._defines = {**view.lighting.defines, "USE_BEHIND": 1}
+        self._defines = {**view.lighting.defines, "USE_LIMIT": 1, "USE_BEHIND": 1}
         self._take_up(view)
         self._begin(self._behind.target, view)
         self._behind.bind_limit(front.limit(view.near, view.far), _LIMIT_UNIT)
@@ -104,11 +104,19 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
             return None
         self._resolve(self._behind.target, view, "resolve")
         rgba, depth = self._behind.target.read(view.box.width, view.box.height)
+        samples, corner = self._target, front.corner
+        if any(primitive.material.source.see_through for primitive in self._primitives):
+            samples, corner = self._behind.target, (0, 0)
+            self._begin(samples, view)
+            self._defines = {**view.lighting.defines, "USE_LIMIT": 1, "USE_FRONT": 1}
+            self._draw_opaque()
+            self._defines = view.lighting.defines
+            self._draw_blended(view)
         program = self._program("front", {})
         program._bind()
         number = program._program_id
-        self._behind.target.bind_resolved(samples=self._target)
-        GL.glUniform2i(GL.glGetUniformLocation(number, "corner"), *front.corner)
+        self._behind.target.bind_resolved(samples=samples)
+        GL.glUniform2i(GL.glGetUniformLocation(number, "corner"), *corner)
         GL.glUniform1f(GL.glGetUniformLocation(number, "reach"), front.step(view.near, view.far))
         self._fill_view(program)
         front_rgba, _ = self._behind.target.read(view.box.width, view.box.height)

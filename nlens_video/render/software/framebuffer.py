@@ -107,12 +107,17 @@ class Framebuffer:
         return bool((self._ids[:, : self.rgba.shape[1]] != raster.NOTHING).any())
 
     def keep_nearest(self, disparity_step: float) -> None:
-        """Drop samples that lie farther behind their pixel's nearest one, once all are seen."""
-        front = self._front[:, : self.rgba.shape[1]].reshape(len(self.rgba), 4, -1)
-        dropped = front < front.max(axis=1, keepdims=True) - np.float32(disparity_step)
-        dropped = dropped.reshape(-1, self.rgba.shape[1])
-        self._ids[:, : self.rgba.shape[1]][dropped] = raster.NOTHING
-        self._disparity[:, : self.rgba.shape[1]][dropped] = np.inf  # hides what blends there
+        """Drop what lies farther behind its pixel's nearest sample, once all are seen.
+
+        Where that is see-through, the opaque surface behind it is dropped too.
+        """
+        width = self.rgba.shape[1]
+        front = self._front[:, :width].reshape(len(self.rgba), 4, -1)
+        least = front.max(axis=1, keepdims=True) - np.float32(disparity_step)
+        opaque = self._disparity[:, :width].reshape(front.shape)
+        self._ids[:, :width][(opaque < least).reshape(-1, width)] = raster.NOTHING
+        # hides what blends there
+        self._disparity[:, :width][(front < least).reshape(-1, width)] = np.inf
         self.rgba[:] = 0.0
 
     def blend(self, rows: Rows) -> None:

@@ -13,11 +13,17 @@ from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.hdr_metadata import hdr_metadata
 from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is_cover
 from nlens_video.video.input.camera_tags import camera_tags
+from nlens_video.video.input.chroma_siting import chroma_siting
+from nlens_video.video.input.lossless import is_lossless
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
+_FIELD_ORDERS = {2: "tt", 3: "bb", 4: "tb", 5: "bt"}
+"""Names of FFmpeg's field orders; others are progressive or unknown."""
 _RATE_TOLERANCE = Fraction(1, 1000)
+_TS_DISCONT = 0x0200
+"""FFmpeg's flag of formats whose clock may leap: MPEG-TS, MPEG program streams, HLS, Ogg."""
 
 
 def describe(
@@ -47,21 +53,25 @@ def describe(
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
+    order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
     count = stream.frames or (round(duration * rate) if duration and rate else None)
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
         rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
         average_rate=rate or None, steady=_is_steady(stream),
         frame_count=1 if kind == "still" else count,
-        duration_s=duration, pixel_format=first.format.name, tags=tags,
+        duration_s=duration, start_s=(first.pts or 0) * Fraction(first.time_base or 0),
+        clocked=kind == "stream" or bool(container.format.flags & _TS_DISCONT),
+        pixel_format=first.format.name, tags=tags,
         frame_tags=FrameTags(
             colorspace=first.colorspace, color_range=first.color_range,
             color_primaries=first.color_primaries, color_trc=first.color_trc,
         ),
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
-        interlaced=first.interlaced_frame,
-        hdr=hdr_metadata(first),
+        interlaced=first.interlaced_frame or bool(order), field_order=order,
+        lossless=is_lossless(stream.codec.name, stream.codec_context.extradata or b""),
+        hdr=hdr_metadata(first), chroma_siting=chroma_siting(stream),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
@@ -107,7 +117,15 @@ def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:
     return CopiedStream(
         index=stream.index, type=stream.type, codec="" if context is None else context.name,
         stream=stream, cover=covers.get(stream.index, b""),
+        start_s=_start(stream) if stream.type == "audio" else None,
     )  # fmt: skip
+
+
+def _start(stream: Stream) -> Fraction | None:
+    """Time of a stream's first packet by the header [s], None where it is unknown."""
+    if stream.start_time is None or stream.time_base is None:
+        return None
+    return stream.start_time * Fraction(stream.time_base)
 
 
 def _untagged(

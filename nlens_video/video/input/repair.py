@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from fractions import Fraction
 
@@ -22,6 +23,10 @@ _LONGEST_PAUSE_S = 24 * 3600
 _SHARE = Fraction(1, 20)
 """Part of the stated length that a complete file may lack: lengths are often rounded [1]."""
 _SLACK_S = Fraction(1, 5)
+_PARSED = 3
+"""Packets that a demuxer parses at once: it may mark an earlier one than the last read [1]."""
+_REORDERED = 16
+"""Frames by which a picture may be shown later than it is decoded [1]."""
 
 
 class SourceClock:
@@ -34,6 +39,7 @@ class SourceClock:
         time_base: seconds per tick [s].
         repaired: frames whose time stamp was replaced [1].
         frames: so far [1].
+        step: from a frame to the next [ticks].
         offsets: what is added since each step back in time that still holds [ticks].
     """
 
@@ -41,9 +47,9 @@ class SourceClock:
         self.time_base = info.time_base
         self.repaired = self.frames = 0
         self.offsets: list[int] = []
-        self._step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
+        self.step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
         self._length_s = info.duration_s
-        self._shift = 0
+        self._shift = self._surplus = 0
         self._first: int | None = None
         self._last = 0
 
@@ -58,7 +64,7 @@ class SourceClock:
         return self._last
 
     def _after(self, pts: int | None) -> int:
-        following = self._last + self._step
+        following = self._last + self.step
         if pts is None:
             self.repaired += 1
             return following
@@ -71,7 +77,9 @@ class SourceClock:
             self._shift = following - pts
             self.offsets += [self._shift] if back else []
             self.repaired += 1
-        self.repaired += pts + self._shift <= self._last
+        if pts + self._shift <= self._last:
+            self.repaired += 1
+            self._surplus += 1
         return max(pts + self._shift, self._last + 1)
 
     def _fits_unshifted(self, pts: int) -> bool:
@@ -79,7 +87,7 @@ class SourceClock:
 
         So one frame that is given again, with its old time, shifts none of those after it.
         """
-        following = self._last + self._step
+        following = self._last + self.step
         shifted = abs(pts + self._shift - following)
         return not self._is_leap(pts) and abs(pts - following) <= shifted
 
@@ -92,13 +100,19 @@ class SourceClock:
         return distance_s <= -BACK_S or (distance_s > _AHEAD_S and beyond_s > _AHEAD_S)
 
     def missing_before(self, pts: int) -> int:
-        """Number of frames that fit between the last frame and `pts`; call before `tick` [1]."""
+        """Number of frames that fit between the last frame and `pts`; call once, before `tick` [1].
+
+        Frames that came out of turn, for which there was no time, take the places of missing ones.
+        """
         if self._first is None:
             return 0
         shifted = pts if self._fits_unshifted(pts) else pts + self._shift
         if self._is_leap(shifted):
             return 0
-        return max(0, round((shifted - self._last) / self._step) - 1)
+        fit = max(0, round((shifted - self._last) / self.step) - 1)
+        taken = min(fit, self._surplus)
+        self._surplus -= taken
+        return fit - taken
 
     def seconds(self, pts: int) -> float:
         """Time since the first frame [s]."""
@@ -113,6 +127,60 @@ class SourceClock:
             f"{self.repaired} {frames} without a time stamp that makes sense: "
             "each follows the last",
         )
+
+
+class Damage:
+    """Where the packets of the pictures are damaged: gaps in time there are lost pictures.
+
+    Attributes:
+        count: damaged packets and frames so far [1].
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._at: deque[int] = deque(maxlen=4 * _REORDERED)
+        self._since_mark = _PARSED
+        self._last: int | None = None
+
+    def read(self, packet: Packet) -> None:
+        """Note a packet before it is decoded; demuxers mark those of which something is missing.
+
+        Where recordings are joined they mark one of the last before, of which nothing is.
+        """
+        if self._since_mark < _PARSED and self._is_joined(packet):
+            self.count -= 1
+            self._at.pop()
+        self._since_mark += 1
+        self._last = packet.dts
+        if packet.is_corrupt:
+            self._since_mark = 0
+            self.add(packet.pts)
+
+    def _is_joined(self, packet: Packet) -> bool:
+        if packet.dts is None or self._last is None or not packet.time_base:
+            return False
+        return (packet.dts - self._last) * Fraction(packet.time_base) <= -BACK_S
+
+    def add(self, pts: int | None = None) -> None:
+        """Count what cannot be read or decoded, at its time or the last packet's [ticks]."""
+        self.count += 1
+        self._at.append((self._last or 0) if pts is None else pts)
+
+    def see(self, frame: av.VideoFrame) -> None:
+        """Count a decoded frame if it is damaged."""
+        if frame.is_corrupt:
+            self.add(frame.pts)
+
+    def is_near(self, last: int | None, pts: int, step: int) -> bool:
+        """Whether pictures between two others may be lost, and not only far apart.
+
+        Args:
+            last: time stamp of the first, None where unknown [ticks].
+            pts: of the second [ticks].
+            step: from a frame to the next [ticks].
+        """
+        first = (pts if last is None else last) - _REORDERED * step
+        return any(first <= at <= pts + _REORDERED * step for at in self._at)
 
 
 class Conform:

@@ -13,6 +13,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.kernels.thread_pool import processors
 from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
+from nlens_video.video.input.late_fields import LateFields
 from nlens_video.video.input.open import (
     DECODER,
     InputHints,
@@ -24,12 +25,10 @@ from nlens_video.video.input.open import (
 from nlens_video.video.input.packet_index import frame_time
 from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
-from nlens_video.video.input.repair import Completeness, Conform, SourceClock
+from nlens_video.video.input.repair import Completeness, Conform, Damage, SourceClock
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import AvPicture
 
-_CENTRED_CHROMA = ("mjpeg", "mpeg1video")
-"""Codecs whose 4:2:0 and 4:2:2 have chroma midway between luma columns (JFIF, ISO 11172-2)."""
 _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
 MOST_UNDECODABLE = 500
@@ -91,6 +90,7 @@ class AvSource(Source):
     def __init__(self, spec: str, hints: InputHints, *, sparse: bool = False) -> None:
         self.hints = hints
         self._passed = PassedPackets()
+        self._damage = Damage()
         self._covers: dict[int, bytes] = {}
         self._started = False
         self._index = 0
@@ -124,6 +124,7 @@ class AvSource(Source):
             self.info = replace(info, frame_time=known)
             self._clock = SourceClock(self.info)
             self._conform = Conform(first)
+            self._late_fields = LateFields(self.info)
         except BaseException:
             self._container.close()
             raise
@@ -137,21 +138,22 @@ class AvSource(Source):
         clock = self._clock
         frame: av.VideoFrame | None = self._first
         del self._first
-        index, lost, seen_damage = self._index, 0, 0
+        index, lost = self._index, 0
+        last: int | None = None
         self._started = True
         self._pass_on()
         while frame is not None:
+            self._late_fields.see(frame, index)
             frame = self._conform(frame, index)
-            if self._damaged > seen_damage and frame.pts is not None:
-                # a gap in time after damaged packets is lost pictures
-                missing = clock.missing_before(frame.pts)
-                lost += missing
-                seen_damage = self._damaged if missing else seen_damage
+            if frame.pts is not None:
+                if self._damage.is_near(last, frame.pts, clock.step):
+                    lost += clock.missing_before(frame.pts)
+                last = frame.pts
             pts = clock.tick(frame.pts)
             frame.pts = pts
             picture = AvPicture(
                 frame, self.info.tags, rotation=self.info.rotation,
-                centred_chroma=self.info.codec in _CENTRED_CHROMA,
+                chroma_siting=self.info.chroma_siting,
             )  # fmt: skip
             yield SourceFrame(
                 index=index, pts=pts, time_base=clock.time_base, time_s=clock.seconds(pts),
@@ -182,7 +184,7 @@ class AvSource(Source):
         self._decoded = self._decode()
         for time in pts[start : number + 1]:
             frame = next(self._decoded, None)
-            if frame is None or frame.pts != time or self._damaged:
+            if frame is None or frame.pts != time or self.damaged:
                 return False
             self._first = frame
         self._index = number
@@ -204,10 +206,11 @@ class AvSource(Source):
                 continue
             if packet is not None:
                 self._passed.see(packet)
+                self._damage.read(packet)
             try:
                 frames = self._decoder.decode(packet)
             except av.FFmpegError:
-                self._damaged += 1
+                self._damage.add()
                 failed += 1
                 if failed == MOST_UNDECODABLE:
                     self._ended_early = (f"given up after {failed} undecodable packets in a row",)
@@ -215,7 +218,7 @@ class AvSource(Source):
                 continue
             for frame in frames:
                 failed = 0
-                self._damaged += frame.is_corrupt
+                self._damage.see(frame)
                 yield frame
 
     def _packets(self) -> Iterator[Packet | None]:
@@ -228,7 +231,7 @@ class AvSource(Source):
                     self._completeness.count(packet)
                     yield packet
             except av.FFmpegError:
-                self._damaged += 1
+                self._damage.add()
                 errors += 1
             else:
                 self._ended_early = self._completeness.notes() if self._is_file else ()
@@ -236,9 +239,15 @@ class AvSource(Source):
         self._ended_early = (f"given up after {errors} failed reads in a row",)
         yield None
 
+    @property
+    def damaged(self) -> int:
+        """Packets and frames so far that were damaged; the first frame is whole [1]."""
+        return self._damage.count
+
     def warnings(self) -> tuple[str, ...]:
         """Irregularities so far, other than damaged packets."""
-        return (*self._conform.notes(), *self._clock.notes(), *self._ended_early)
+        late = self._late_fields.notes()
+        return (*self._conform.notes(), *late, *self._clock.notes(), *self._ended_early)
 
     def _pass_on(self, *, ended: bool = False) -> None:
         """Hand over packets whose time is known; without a `packet_sink`, drop them."""

@@ -43,6 +43,11 @@ class AudioEncoder:
     Samples are counted from the first time stamp on. Gaps in the source's times are filled with
     silence, and overlapping samples are dropped, so that sound and pictures stay in sync.
 
+    Args:
+        container: the result.
+        source: the stream.
+        from_zero: whether it is to begin at 0, with silence or without what comes earlier.
+
     Attributes:
         codec: FFmpeg's name of the encoder.
         fewer: what is said where channels are mixed into fewer ones, else empty.
@@ -51,7 +56,9 @@ class AudioEncoder:
         ValueError: there is no decoder for it, or no encoder that accepts its format.
     """
 
-    def __init__(self, container: av.container.OutputContainer, source: Stream) -> None:
+    def __init__(
+        self, container: av.container.OutputContainer, source: Stream, *, from_zero: bool = False
+    ) -> None:
         context = source.codec_context
         if not isinstance(context, AudioCodecContext):
             raise ValueError("nothing decodes it")
@@ -73,7 +80,7 @@ class AudioEncoder:
         self._resampler = AudioResampler(formats[0].name, layout, rate)
         self._rate = rate
         self._fifo = AudioFifo()
-        self._start: int | None = None
+        self._start: int | None = 0 if from_zero else None
         self._counted = self._taken = 0
         self._decoder = context
 
@@ -158,6 +165,8 @@ def _chosen(
     surround = _SURROUND if source.layout.nb_channels > 2 else ()
     lossless = source.codec.name in _LOSSLESS and name in _LOSSLESS_IN
     kept: tuple[str, ...] = ("alac", "flac") if lossless else ()
+    if source.codec.name.startswith("pcm_"):
+        kept = (source.codec.name,)
     if source.codec.name in _LOSSLESS and name == "avi":
         kept = pcm
     rates: tuple[int, ...] = (source.sample_rate, 48000, 44100, 8000)

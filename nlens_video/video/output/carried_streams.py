@@ -13,6 +13,7 @@ from nlens_video.video.info import CopiedStream, Packet, SourceInfo
 from nlens_video.video.output.audio import AudioEncoder, SubtitleEncoder
 from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream
 from nlens_video.video.output.languages import set_languages
+from nlens_video.video.times.start import moved_sound
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 _OF_THE_OLD_PICTURES = (
@@ -96,19 +97,24 @@ class CarriedStreams:
         label = f"stream {stream.index} ({'cover' if stream.cover else stream.type})"
         if stream.cover:
             return self._add_cover(stream, label)
-        if holds_stream(self._name, stream):
+        moved = moved_sound(self._name, stream.start_s)
+        if not moved and holds_stream(self._name, stream):
             self._targets[stream.index] = copy_of(self._container, stream.stream)
             return ""
         if stream.type not in ("audio", "subtitle"):
             return f"{label} is left out: {self._name} does not hold {stream.codec or 'it'}"
         try:
-            kind = AudioEncoder if stream.type == "audio" else SubtitleEncoder
-            encoder = kind(self._container, stream.stream)
+            encoder: AudioEncoder | SubtitleEncoder
+            if stream.type == "audio":
+                encoder = AudioEncoder(self._container, stream.stream, from_zero=bool(moved))
+            else:
+                encoder = SubtitleEncoder(self._container, stream.stream)
         except ValueError as error:
             return f"{label} is left out: {error}"
         self._targets[stream.index] = encoder
         lost = f"; {encoder.fewer}" if isinstance(encoder, AudioEncoder) and encoder.fewer else ""
-        return f"{label} becomes {encoder.codec}: {self._name} does not hold its codec{lost}"
+        why = moved or f"{self._name} does not hold its codec"
+        return f"{label} becomes {encoder.codec}: {why}{lost}"
 
     def _add_cover(self, stream: CopiedStream, label: str) -> str:
         if self._name == "matroska" and stream.codec in _COVERS:

@@ -16,8 +16,9 @@ from itertools import product
 import av
 import av.container
 from av.stream import Stream
+from av.video.stream import VideoStream
 
-from nlens_video.video.info import CopiedStream, is_cover
+from nlens_video.video.info import CopiedStream, FrameTags, is_cover
 from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.output.trials import (
     add_needed_video,
@@ -26,6 +27,7 @@ from nlens_video.video.output.trials import (
     write_sound,
     write_video,
 )
+from nlens_video.video.stored_colour import set_colour
 
 MP4_FAMILY = ("mp4", "mov", "ipod", "3gp", "3g2", "ismv", "f4v")
 """FFmpeg's muxers of ISO base media files."""
@@ -42,6 +44,8 @@ _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders whose alpha is a second stream, which only Matroska can store."""
 _USUAL = frozenset(product(("mp4", "mov", "matroska"), ("libx264", "libx265", "aac")))
 """Muxers that hold what encoders make, known without a trial, which takes 30 ms of a start."""
+_TELLING = ("libx264", "libx264rgb", "libx265")
+"""Encoders whose pictures say their colour themselves, known without a trial."""
 _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
 _SPECIAL = ("vorbis", "dts", "truehd")  # FFmpeg's encoders of these are experimental
 
@@ -87,6 +91,30 @@ def holds_aspect(container: str, encoder: str, pixel_format: str) -> bool:
     if av.ContainerFormat(container, "w").no_file:
         return True  # nothing tells
     return ratio in trial(container, write, lambda one: getattr(one, "sample_aspect_ratio", None))
+
+
+@cache
+def read_tags(container: str, encoder: str, pixel_format: str, tags: FrameTags) -> FrameTags:
+    """The colour tags of pictures of an encoder that FFmpeg reads where `tags` are written.
+
+    Other arguments as `holds_video`.
+    """
+
+    def write(out: av.container.OutputContainer) -> None:
+        stream = add_video(out, encoder, pixel_format)
+        set_colour(stream.codec_context, tags)
+        write_video(out, stream, tags)
+
+    def look(stream: Stream) -> FrameTags:
+        found = stream.container
+        assert isinstance(found, av.container.InputContainer) and isinstance(stream, VideoStream)
+        return next(map(FrameTags.of, found.decode(stream)), FrameTags())
+
+    if encoder in _TELLING or av.ContainerFormat(container, "w").no_file:
+        return tags
+    if (container, encoder) == ("nut", "rawvideo"):
+        return FrameTags()
+    return next(iter(trial(container, write, look)), FrameTags())
 
 
 @cache

@@ -129,7 +129,7 @@ def pixel_formats(encoder: str) -> list[str]:
 
 
 def encoder_options(
-    encoder: str, pixel_format: str, crf: float | None, *, interlaced: bool
+    encoder: str, pixel_format: str, crf: float | None, *, interlaced: bool, field_order: str = ""
 ) -> dict[str, str]:
     """Options of an encoder.
 
@@ -138,6 +138,7 @@ def encoder_options(
         pixel_format: its input format.
         crf: the user's quality.
         interlaced: whether frames consist of two fields.
+        field_order: of `SourceInfo`.
 
     Raises:
         UsageError: the encoder has no such quality.
@@ -154,7 +155,26 @@ def encoder_options(
         options["crf"] = f"{crf:g}"
     if interlaced and encoder in _FIELDS:
         options["flags"] = options.get("flags", "") + "+ildct+ilme"
+    if interlaced and field_order and encoder in _MARKING:
+        options["field_order"] = field_order
+        if encoder == "libx264" and field_order[0] == "b":
+            options["x264-params"] += ":bff=1"
     return options
+
+
+def without_loss(options: dict[str, str], encoder: str) -> dict[str, str]:
+    """Options of an encoder that keep samples to the bit, where it has them.
+
+    Args:
+        options: its usual ones.
+        encoder: FFmpeg's name of it.
+    """
+    if encoder not in ("libx264", "libx264rgb", "libx265"):
+        return options
+    exact = {name: value for name, value in options.items() if name != "crf"}
+    if encoder == "libx265":
+        return {**exact, "x265-params": f"{options['x265-params']}:lossless=1"}
+    return {**exact, "qp": "0"}
 
 
 def unmarked_fields(encoder: str, *, interlaced: bool) -> tuple[str, ...]:

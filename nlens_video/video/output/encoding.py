@@ -1,18 +1,17 @@
-"""Choice of a result's encoder, pixel format and options; times of its frames and packets."""
+"""Choice of a result's encoder, pixel format, options and clock."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TypeAlias
 
 import av
 from av.video.codeccontext import VideoCodecContext
-from av.video.stream import VideoStream
 
 from nlens_video.core.errors import OutputError, UsageError
-from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.info import SourceInfo
+from nlens_video.video.output.containers import MP4_FAMILY
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
@@ -25,10 +24,12 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     some_format,
     unmarked_fields,
     what_is_lost,
+    without_loss,
 )
 from nlens_video.video.output.hdr_parameters import with_hdr
 from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.pixels.pixel_formats import layout, working_format
+from nlens_video.video.times.encoder_clocks import EncoderClock, FixedRateClock, GridClock
 
 _SAME = (
     "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "mjpeg", "mpeg2video", "mpeg1video",
@@ -54,8 +55,6 @@ _MPEG_RATES = (
 _FIXED_RATE = ("mpeg1video", "mpeg2video")
 _MPEG4_LARGEST = 65535
 """Largest denominator of a time base in an MPEG-4 part 2 header."""
-_LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
-Packets: TypeAlias = "list[av.Packet[VideoStream]]"
 Holds = Callable[[str, str], bool]
 """Whether a container holds pictures of an encoder in a pixel format."""
 
@@ -114,7 +113,11 @@ def choose_encoding(
             f"{container} does not hold {name} in {chosen or wanted}; "
             "give another OUT, --codec or --pix-fmt"
         )
-    options = encoder_options(name, chosen, crf, interlaced=info.interlaced)
+    options = encoder_options(
+        name, chosen, crf, interlaced=info.interlaced, field_order=info.field_order
+    )
+    if info.lossless and crf is None:
+        options = without_loss(options, name)
     options, lost_hdr = with_hdr(options, name, info.hdr)
     reasons = [*lost_hdr, *([why] if why else [])]
     if lost := what_is_lost(wanted, chosen, name):
@@ -223,67 +226,6 @@ def _format(info: SourceInfo, name: str, holds: Holds) -> str:
     return next((one for one in _formats(info, name) if holds(name, one)), "")
 
 
-class EncoderClock:
-    """Times of an encoder with exact pts.
-
-    Attributes:
-        time_base: of the encoder [s].
-    """
-
-    def __init__(self, info: SourceInfo) -> None:
-        self.time_base = info.time_base
-        self._first: int | None = None
-        self._longest_s = Fraction(_LONGEST_DELAY_S)
-
-    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
-        """Set the time of a frame to encode."""
-        encoded.pts, encoded.time_base = frame.pts, frame.time_base
-        encoded.duration = frame.duration
-        self._first = frame.pts if self._first is None else self._first
-        # the first packet may be decoded as long before its frame as the clip lasts
-        self._longest_s = _LONGEST_DELAY_S + 2 * (frame.pts - self._first) * frame.time_base
-
-    def retimed(self, packets: Packets) -> Packets:
-        """The packets, in place, at the source's times."""
-        for packet in packets:
-            if packet.pts is None or packet.dts is None:
-                continue
-            # x265 leaves dts to chance in clips shorter than its reordering delay
-            if abs(packet.pts - packet.dts) * Fraction(packet.time_base or 1) > self._longest_s:
-                packet.dts = packet.pts
-        return packets
-
-
-class FixedRateClock(EncoderClock):
-    """Times of an encoder that needs a fixed rate; its packets get the source's times back."""
-
-    def __init__(self, info: SourceInfo, rate: Fraction) -> None:
-        super().__init__(info)
-        self.time_base = 1 / rate
-        self._source = info.time_base
-        self._first: int | None = None
-        self._last = -1
-
-    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
-        """Set the time of a frame to the nearest free step of the rate."""
-        if self._first is None:
-            self._first = frame.pts
-        step = round((frame.pts - self._first) * self._source / self.time_base)
-        self._last = max(step, self._last + 1)
-        encoded.pts, encoded.time_base, encoded.duration = self._last, self.time_base, 1
-
-    def retimed(self, packets: Packets) -> Packets:
-        """The packets, in place, counted from the first frame's pts."""
-        for packet in packets:
-            scale = self.time_base / self._source
-            first = self._first or 0
-            packet.pts = None if packet.pts is None else first + round(packet.pts * scale)
-            packet.dts = None if packet.dts is None else first + round(packet.dts * scale)
-            packet.duration = round(scale)
-            packet.time_base = self._source
-        return packets
-
-
 def encoder_clock(codec: str, container: str, info: SourceInfo) -> EncoderClock:
     """The clock that suits an encoder and a container."""
     fixed = codec in _FIXED_RATE or container == "yuv4mpegpipe"
@@ -292,4 +234,8 @@ def encoder_clock(codec: str, container: str, info: SourceInfo) -> EncoderClock:
     fine = codec == "mpeg4" and info.time_base.denominator > _MPEG4_LARGEST
     if fixed or fine:
         return FixedRateClock(info, info.average_rate or Fraction(25))
+    if container in MP4_FAMILY and GridClock.suits(info):
+        grid = GridClock(info)
+        if codec != "mpeg4" or grid.time_base.denominator <= _MPEG4_LARGEST:
+            return grid
     return EncoderClock(info)

@@ -13,7 +13,7 @@ from av.video.codeccontext import VideoCodecContext
 from nlens_video.core.errors import OutputError
 from nlens_video.video.atomic_files import partial_name, remove_stale
 from nlens_video.video.atomic_sequences import publish_all
-from nlens_video.video.exr import write_layers
+from nlens_video.video.exr import not_carried, write_layers, write_over
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence
@@ -45,10 +45,18 @@ class StillSink(Sink):
         self._keep = keep_partial
         self._written: list[Path] = []
         self._codec = EXTENSIONS[self._path.suffix.lower()]
+        self._over = self._codec == info.codec == "exr"
+        if self._over:
+            self._notes += not_carried(self._plate(0))
         self._format = "gbrpf32le"
         if self._codec != "exr":
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
+        kind = layout(working_format(self._format))
+        yuv = kind is not None and kind.family == "yuv" and not kind.full_range
+        self._limited = yuv and info.tags.matrix != "gbr" and info.tags.full_range
+        if self._limited:
+            self._notes += (f"full range becomes limited: {self._path.suffix} is read as limited",)
         self._notes += lost_aspect(info, self._path.suffix.lower())
         self._notes += remove_stale(self._path)
         self._folder = partial_name(self._path)
@@ -78,10 +86,7 @@ class StillSink(Sink):
         path = self._name(frame.number)
         target = self._folder / path.name
         if self._codec == "exr":
-            write_layers(
-                target, picture_channels(frame.picture), half=self._info.half,
-                primaries=channel_primaries(frame.picture),
-            )  # fmt: skip
+            self._write_exr(target, frame)
         else:
             try:
                 target.write_bytes(self._encode(frame))
@@ -103,6 +108,20 @@ class StillSink(Sink):
         publish_all(files, str(self._path))
         shutil.rmtree(self._folder, ignore_errors=True)
 
+    def _write_exr(self, target: Path, frame: SourceFrame) -> None:
+        channels, half = picture_channels(frame.picture), self._info.half
+        if self._over:
+            write_over(target, channels, self._plate(frame.number), half=half)
+        else:
+            primaries = channel_primaries(frame.picture)
+            write_layers(target, channels, half=half, primaries=primaries)
+
+    def _plate(self, number: int) -> Path:
+        """The plate's file of a frame."""
+        name = self._info.name
+        matches = ImageSequence.matches(name)
+        return ImageSequence(name).path(self._first + number) if matches else Path(name)
+
     def _name(self, index: int) -> Path:
         return self._numbered.path(self._first + index) if self._numbered else self._path
 
@@ -114,7 +133,7 @@ class StillSink(Sink):
                 pixels = turned(pixels, self._info.rotation)
             pixels = converted(pixels, self._format)
         else:
-            pixels = picture_frame(frame.picture, self._format)
+            pixels = picture_frame(frame.picture, self._format, limited=self._limited)
         context = av.CodecContext.create(self._codec, "w")
         assert isinstance(context, VideoCodecContext)
         context.width, context.height, context.pix_fmt = pixels.width, pixels.height, self._format

@@ -15,8 +15,10 @@ from av.audio.stream import AudioStream
 from av.stream import Stream
 from av.video.stream import VideoStream
 
+from nlens_video.video.info import FrameTags
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import encoder_options
+from nlens_video.video.stored_colour import set_colour
 
 _PICTURES_FIRST = ("mxf", "gxf", "dv")
 """These hold sound only beside pictures."""
@@ -25,12 +27,14 @@ _SIZES = {"dvvideo": (720, 576)}
 _BLOCK = 1152
 """Samples of sound in a block of a trial, where the encoder does not say [1]."""
 _OPTIONS = {
+    "prores_ks": {"bits_per_mb": "8192"},  # as many as noise takes, else it searches long
     "libx264": {"preset": "ultrafast"},
     "libx265": {"preset": "ultrafast", "x265-params": "log-level=none"},
     "libvpx": {"auto-alt-ref": "0"},  # with which it refuses transparency
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8"},
 }
 """Of an encoder in a trial, where those of results are slow or fail on it."""
+_UNTAGGED = FrameTags()
 _Seen = TypeVar("_Seen")
 
 
@@ -97,7 +101,9 @@ def add_needed_video(out: av.container.OutputContainer) -> VideoStream | None:
     return add_video(out, out.default_video_codec, "yuv420p")
 
 
-def write_video(out: av.container.OutputContainer, stream: VideoStream | None) -> None:
+def write_video(
+    out: av.container.OutputContainer, stream: VideoStream | None, tags: FrameTags = _UNTAGGED
+) -> None:
     """Frames of noise: plain ones make streams too short to be recognised."""
     if stream is None:
         return
@@ -105,6 +111,7 @@ def write_video(out: av.container.OutputContainer, stream: VideoStream | None) -
         frame = av.VideoFrame(stream.width, stream.height, stream.pix_fmt or "yuv420p")
         for plane in frame.planes:
             plane.update(_noise(index, plane.buffer_size, frame.format))
+        set_colour(frame, tags)  # ProRes asks the frames
         frame.pts, frame.time_base = index, Fraction(1, 25)
         out.mux(stream.encode(frame))
     out.mux(stream.encode(None))

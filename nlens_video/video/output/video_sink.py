@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,6 @@ from av.codec.context import Flags
 from av.video.stream import VideoStream
 
 from nlens_video.core import signals
-from nlens_video.core.color import FULL_RANGE
 from nlens_video.core.errors import OutputError, ReaderGone
 from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
@@ -28,12 +28,14 @@ from nlens_video.video.output.carried_streams import (
     sample_entry,
     set_tags,
 )
-from nlens_video.video.output.containers import holds_aspect, holds_video
+from nlens_video.video.output.containers import holds_aspect, holds_video, read_tags
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
+from nlens_video.video.stored_colour import set_colour, siting_option, stored_colour
+from nlens_video.video.times.start import Start
 
 _PLAYABLE = {
     "flush_packets": "1",
@@ -71,11 +73,17 @@ class VideoSink(Sink):
             name, default = self._container.format.name, self._container.default_video_codec
             Muxer(name, default).check_video(spec)
             self._turns = bool(info.rotation) and not holds_rotation(name)
-            self._info = info = upright(info) if self._turns else info
-            self.encoding = choose_encoding(
+            self._start = start = Start.of(info, name)
+            self._info = info = start.info(upright(info) if self._turns else info)
+            encoding = choose_encoding(
                 info, partial(holds_video, name), name, default=default,
                 codec=codec, crf=crf, pix_fmt=pix_fmt,
             )  # fmt: skip
+            self._colour = colour = stored_colour(
+                info, encoding.pixel_format,
+                partial(read_tags, name, encoding.codec, encoding.pixel_format),
+            )  # fmt: skip
+            self.encoding = replace(encoding, pixel_format=colour.pixel_format)
             self._stream = self._add_video(self.encoding)
             self._carried = CarriedStreams(self._container, info)
         except BaseException:
@@ -84,7 +92,8 @@ class VideoSink(Sink):
         turned = (f"the pictures are turned upright: {name} has no place for their rotation",)
         self._says_shape = bool(self._path and info.uneven_aspect and name in HEADERS)
         self._notes = (
-            *self.encoding.reasons, *self._carried.notes, *(turned if self._turns else ()),
+            *self.encoding.reasons, *self._colour.notes(name, self.encoding.codec),
+            *self._carried.notes, *start.notes, *(turned if self._turns else ()),
             *self._lost_aspect(said=self._says_shape), *rescued,
         )  # fmt: skip
 
@@ -113,8 +122,9 @@ class VideoSink(Sink):
             OutputError: the disk is full, or the encoder refuses the frame.
         """
         stored = upright_frame if self._turns else picture_frame
-        encoded = stored(frame.picture, self.encoding.pixel_format)
-        self._clock.stamp(encoded, frame)
+        limited = self._colour.limited
+        encoded = stored(frame.picture, self.encoding.pixel_format, limited=limited)
+        self._clock.stamp(encoded, self._start.frame(frame))
         self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
         with self._writing():
@@ -133,6 +143,7 @@ class VideoSink(Sink):
         with self._writing():
             if self._open:
                 self._carried.begin()
+                self._start.shift(packet)
                 self._carried.write(packet)
         signals.check()
 
@@ -226,7 +237,7 @@ class VideoSink(Sink):
             self._direct = StreamOutput(self._spec)
             return self._direct.container
         options = {}
-        if self._path.suffix in (".mkv", ".webm", ".mka"):
+        if self._path.suffix.lower() in (".mkv", ".webm", ".mka", ".avi"):
             # Audio that starts before zero must not push the pictures off their own times.
             options["avoid_negative_ts"] = "disabled"
         if self._keep:
@@ -242,7 +253,8 @@ class VideoSink(Sink):
     def _add_video(self, encoding: Encoding) -> VideoStream:
         info = self._info
         rate = info.average_rate or Fraction(25)
-        stream = self._container.add_stream(encoding.codec, rate, dict(encoding.options))
+        options = encoding.options | siting_option(info, encoding.pixel_format)
+        stream = self._container.add_stream(encoding.codec, rate, options)
         assert isinstance(stream, VideoStream)
         context = stream.codec_context
         stream.width, stream.height = info.stored_size
@@ -258,7 +270,7 @@ class VideoSink(Sink):
         if entry := sample_entry(self._container.format.name, encoding.codec):
             context.codec_tag = entry
         set_tags(stream, info)
-        self._set_colour(stream)
+        set_colour(context, self._colour.tags)
         try:
             with ordinary_priority():
                 context.open()
@@ -269,17 +281,3 @@ class VideoSink(Sink):
                 f"{encoding.pixel_format} ({error.strerror}); give another --codec"
             ) from error
         return stream
-
-    def _set_colour(self, stream: VideoStream) -> None:
-        """The source's tags; after a conversion from RGB to YUV those of `converted`."""
-        tags, context = self._info.frame_tags, stream.codec_context
-        was = self._info.tags.matrix == "gbr"
-        becomes = av.VideoFormat(self.encoding.pixel_format).is_rgb
-        context.color_primaries, context.color_trc = tags.color_primaries, tags.color_trc
-        context.colorspace, context.color_range = tags.colorspace, tags.color_range
-        if was and not becomes and "gray" not in self.encoding.pixel_format:
-            full = self.encoding.pixel_format.startswith("yuvj")
-            context.colorspace, context.color_range = (5, FULL_RANGE) if full else (1, 1)
-            context.color_primaries, context.color_trc = 1, 13
-        elif becomes:
-            context.colorspace, context.color_range = 0, FULL_RANGE

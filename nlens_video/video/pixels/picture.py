@@ -12,7 +12,7 @@ import numpy.typing as npt
 from nlens_video.core.color import ColorTags, primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
-from nlens_video.video.pixels.pixel_formats import converted, copy_colour_tags, unpacked
+from nlens_video.video.pixels.pixel_formats import converted, take_tags, unpacked
 from nlens_video.video.pixels.samples import (
     Plane,
     Samples,
@@ -94,8 +94,8 @@ class AvPicture(SamplesPicture):
         tags: colour tags; default: those of the frame.
         rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
             the frame's display matrix.
-        centred_chroma: whether chroma at half the width lies between two luma columns, as in
-            JPEG; default: on the left one, as in nearly all video of either range.
+        chroma_siting: FFmpeg's name of where chroma lies: `center` in JPEG, `topleft` in UHD HDR10;
+            empty for `left`, as in nearly all other video of either range.
 
     Raises:
         InputError: the pixel format is not supported.
@@ -103,12 +103,12 @@ class AvPicture(SamplesPicture):
 
     def __init__(
         self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None,
-        centred_chroma: bool = False,
+        chroma_siting: str = "",
     ) -> None:  # fmt: skip
         self.frame = unpacked(frame)
         self.tags = frame_tags(self.frame) if tags is None else tags
         self.rotation = frame.rotation if rotation is None else rotation
-        self.centred_chroma = centred_chroma
+        self.chroma_siting = chroma_siting
 
     @property
     def width(self) -> int:
@@ -127,7 +127,7 @@ class AvPicture(SamplesPicture):
     def samples(self) -> Samples:
         """Upright views of the frame's samples."""
         return frame_samples(
-            self.frame, self.tags, self._turns, centred_chroma=self.centred_chroma
+            self.frame, self.tags, self._turns, chroma_siting=self.chroma_siting
         )  # fmt: skip
 
     def _make_writable(self) -> None:
@@ -138,7 +138,7 @@ class AvPicture(SamplesPicture):
         """The same picture with samples of its own."""
         return AvPicture(
             copied(self.frame), self.tags, rotation=self.rotation,
-            centred_chroma=self.centred_chroma,
+            chroma_siting=self.chroma_siting,
         )  # fmt: skip
 
 
@@ -215,14 +215,6 @@ def copied(frame: av.VideoFrame) -> av.VideoFrame:
     return copy
 
 
-def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
-    """Copy the time and the colour tags of a frame to one that was made from it."""
-    made.pts = frame.pts
-    if frame.time_base is not None:  # frames that no decoder has made have none
-        made.time_base = frame.time_base
-    copy_colour_tags(made, frame)
-
-
 def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
     """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
     return np.frombuffer(memoryview(plane), np.uint8).reshape(
@@ -230,8 +222,14 @@ def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
     )
 
 
-def picture_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
-    """The picture as a stored (not upright) frame; the same frame where the format fits."""
+def picture_frame(picture: Picture, pixel_format: str, *, limited: bool = False) -> av.VideoFrame:
+    """The picture as a stored (not upright) frame; the same frame where the format fits.
+
+    Args:
+        picture: any.
+        pixel_format: FFmpeg's name of the frame's format.
+        limited: whether YUV of full range becomes limited; the format is then YUV.
+    """
     if isinstance(picture, AvPicture):
         frame, tags = picture.frame, picture.tags
     elif isinstance(picture, ArrayPicture):
@@ -239,7 +237,8 @@ def picture_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
         frame, tags = _array_frame(picture, alpha=keeps), None
     else:
         raise TypeError(f"{type(picture).__name__} has no samples")
-    return frame if frame.format.name == pixel_format else converted(frame, pixel_format, tags)
+    fits = frame.format.name == pixel_format and not limited
+    return frame if fits else converted(frame, pixel_format, tags, limited=limited)
 
 
 def picture_channels(picture: Picture) -> dict[str, Float32]:

@@ -177,17 +177,28 @@ def copy_colour_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
         setattr(made, name, getattr(frame, name))
 
 
-def converted(frame: av.VideoFrame, target: str, tags: ColorTags | None = None) -> av.VideoFrame:
+def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
+    """Copy the time and the colour tags of a frame to one that was made from it."""
+    made.pts = frame.pts
+    if frame.time_base is not None:  # frames that no decoder has made have none
+        made.time_base = frame.time_base
+    copy_colour_tags(made, frame)
+
+
+def converted(
+    frame: av.VideoFrame, target: str, tags: ColorTags | None = None, *, limited: bool = False
+) -> av.VideoFrame:
     """The frame in another pixel format, at its own time.
 
-    Between two YUV or two RGB formats matrix and range stay. YUV to RGB uses `tags`; RGB to YUV
-    uses BT.709 in limited range, or for `yuvj` BT.601 in full range as in JPEG, and tags the result
-    so.
+    Between two YUV or two RGB formats matrix and range stay, but with `limited` YUV becomes
+    limited. YUV to RGB uses `tags`; RGB to YUV uses BT.709 in limited range, or for `yuvj` BT.601
+    in full range as in JPEG, and tags the result so.
 
     Args:
         frame: any.
         target: FFmpeg's name of a pixel format.
         tags: colour tags of the frame; needed from YUV to RGB.
+        limited: whether YUV of full range is to become limited; for YUV alone.
     """
     was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
     matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
@@ -201,7 +212,7 @@ def converted(frame: av.VideoFrame, target: str, tags: ColorTags | None = None) 
     result = frame.reformat(
         format=target, src_colorspace=matrix, dst_colorspace=made,
         src_color_range=span,
-        dst_color_range=FULL_RANGE if jpeg else 1 if to_yuv else span,
+        dst_color_range=FULL_RANGE if jpeg else 1 if to_yuv or limited else span,
         interpolation=_SWS,
     )  # fmt: skip
     result.color_primaries, result.color_trc = frame.color_primaries, frame.color_trc
@@ -209,7 +220,7 @@ def converted(frame: av.VideoFrame, target: str, tags: ColorTags | None = None) 
     if to_yuv or becomes:
         result.color_range = FULL_RANGE if becomes or jpeg else 1
     else:
-        result.color_range = frame.color_range
+        result.color_range = 1 if limited else frame.color_range
     result.pts, result.duration = frame.pts, frame.duration
     if frame.time_base is not None:
         result.time_base = frame.time_base

@@ -191,33 +191,36 @@ def frame_tags(frame: av.VideoFrame, *, assumed: int = 0, given: str | None = No
 
 
 def frame_samples(
-    frame: av.VideoFrame, tags: ColorTags, turns: int, *, centred_chroma: bool = False
+    frame: av.VideoFrame, tags: ColorTags, turns: int, *, chroma_siting: str = ""
 ) -> Samples:
     """Views of a frame in a working format, turned `turns` quarter turns counter-clockwise.
 
-    Chroma at half the width lies on the left luma column, or centred between two.
+    `chroma_siting` is FFmpeg's name of where chroma at half the width or height lies; empty: left.
     """
     kind = _layout(frame)
     views = [
         plane_rows(frame.planes[plane], kind)[:, place :: kind.channels]
         for plane, place in kind.components
     ]
-    return _upright(views, kind, tags, _axes(kind, centred_chroma=centred_chroma), turns)
+    return _upright(views, kind, tags, _axes(kind, chroma_siting), turns)
 
 
 def memory_samples(
     views: list[Plane], kind: PixelLayout, tags: ColorTags, *, centred_chroma: bool = False
 ) -> Samples:
     """Samples of a picture whose components are at hand as views (H, W), alpha as the last one."""
-    return _upright(views, kind, tags, _axes(kind, centred_chroma=centred_chroma), 0)
+    return _upright(views, kind, tags, _axes(kind, "center" if centred_chroma else ""), 0)
 
 
 @lru_cache(maxsize=64)
-def _axes(kind: PixelLayout, *, centred_chroma: bool) -> tuple[Axis, Axis]:
-    """Subsampling across and down; chroma lies on the left luma column, or between two."""
+def _axes(kind: PixelLayout, chroma_siting: str) -> tuple[Axis, Axis]:
+    """Subsampling across and down; chroma lies on the first of two luma samples, or between."""
     across, down = (Axis(step, 0, 0, (1.0 / step,) * step) for step in (kind.step_x, kind.step_y))
-    if kind.step_x == 2 and not centred_chroma:
-        across = Axis(2, 0, -1, (0.25, 0.5, 0.25))
+    on_first = Axis(2, 0, -1, (0.25, 0.5, 0.25))
+    if kind.step_x == 2 and chroma_siting not in ("center", "top"):
+        across = on_first
+    if kind.step_y == 2 and chroma_siting in ("topleft", "top"):
+        down = on_first
     return across, down
 
 

@@ -9,26 +9,27 @@ import av
 import numpy as np
 
 from nlens_video.core.layers import Picture
-from nlens_video.video.pixels.picture import AvPicture, picture_frame, take_tags
-from nlens_video.video.pixels.pixel_formats import converted, layout
+from nlens_video.video.pixels.picture import AvPicture, picture_frame
+from nlens_video.video.pixels.pixel_formats import converted, layout, take_tags
 from nlens_video.video.pixels.samples import plane_rows
 
 _UNEQUAL = re.compile("422|411|440")
 """Subsampling along one axis more than along the other."""
 
 
-def upright_frame(picture: Picture, pixel_format: str) -> av.VideoFrame:
+def upright_frame(picture: Picture, pixel_format: str, *, limited: bool = False) -> av.VideoFrame:
     """The picture as an upright frame; the same frame where it is one in that format.
 
     Args:
         picture: any.
         pixel_format: FFmpeg's name of the frame's format.
+        limited: as of `picture_frame`.
     """
     if not isinstance(picture, AvPicture) or not picture.rotation:
-        return picture_frame(picture, pixel_format)
+        return picture_frame(picture, pixel_format, limited=limited)
     frame = turned(picture.frame, picture.rotation)
-    same = frame.format.name == pixel_format
-    return frame if same else converted(frame, pixel_format, picture.tags)
+    fits = frame.format.name == pixel_format and not limited
+    return frame if fits else converted(frame, pixel_format, picture.tags, limited=limited)
 
 
 def turned(frame: av.VideoFrame, rotation: int) -> av.VideoFrame:

@@ -49,7 +49,7 @@ def test_alpha_of_one_code_value():
 
 @case
 def test_subnormal_alpha_and_light():
-    """Coverage and light too small for a normal float end as next to nothing, never as NaN."""
+    """Coverage and light too small for a normal float end close to zero, never as NaN."""
     figures = []
     for alpha in (1e-45, 1e-39, 1e-30, 1e-8):
         for coc in (0.0, 0.7, 9.0, 100.0):
@@ -74,7 +74,7 @@ def test_subnormal_alpha_and_light():
 
 @case
 def test_empty_layer():
-    """Premultiplied nothing is nothing, whatever depth it claims, and reads no CoC."""
+    """An empty premultiplied layer stays empty, whatever its depth, and its CoC is not read."""
     rgba = np.zeros((SIDE, SIDE, 4), np.float32)
     coc = _coc(np.nan)
     coc[::2] = np.inf
@@ -146,7 +146,7 @@ def test_light_without_alpha():
 
 @case
 def test_faint_layers_agree_with_the_reference():
-    """The fast scatter gives what its definition gives for layers of any faintness."""
+    """The fast scatter equals its definition for layers of any opacity."""
     rng = np.random.default_rng(3)
     figures = []
     for alpha in (1e-6, 1e-4, 1 / 255, 1.0):

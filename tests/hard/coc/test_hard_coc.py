@@ -24,7 +24,7 @@ COLOURS = dict(zip(QUALITIES, (PALE, OURS, OTHER, INK), strict=True))
 
 @case
 def test_coc_of_zero():
-    """An object on the focal plane comes back bit for bit, at every quality level."""
+    """An object on the focal plane stays bit for bit the same, at every quality level."""
     scene = cards(Card(2.0))
     plain = sharp(scene)
     seen = {quality: through(quality, scene, lens_of_coc(0.0, 2.0)) for quality in QUALITIES}
@@ -39,7 +39,7 @@ def test_coc_of_zero():
 
 @case
 def test_coc_near_zero_of_either_sign():
-    """A CoC next to nothing, from the smallest float up, changes nothing, whatever its sign."""
+    """A CoC close to zero, from the smallest float up, changes nothing, whatever its sign."""
     rgba = sharp(cards(Card(2.0)))
     sizes = [1.4e-45, 1e-38, 1e-12, 1e-6, 1e-3, 1e-2]
     changes = {
@@ -64,11 +64,11 @@ def test_coc_near_zero_of_either_sign():
 
 @case
 def test_onset_of_blur():
-    """From 0 to 1.5 px the picture departs from the sharp one without a jump, at every level.
+    """From 0 to 1.5 px the picture changes without a jump, at every level.
 
     `standard` mixes in five views of four samples a pixel: an edge that passes a sample of one
-    changes a pixel by a twentieth, a corner by two. At 0.5 px, where blur and views begin, nothing
-    but the blur's own beginning shows.
+    changes a pixel by a twentieth, a corner by two. At 0.5 px, where blur and views begin, only
+    the onset of the blur is visible.
     """
     scene = cards(Card(2.0))
     steps, onset = np.arange(0.0, 1.52, 0.05), np.arange(0.49, 0.55, 0.004)
@@ -228,7 +228,7 @@ def test_coc_growing_across_resolution_levels():
 
 @case
 def test_coc_step_from_negative_to_positive():
-    """A near card before a far one, +9 and -9 px: the near one hides, the far one shines round."""
+    """A near card in front of a far one, +9 and -9 px: the near one occludes the far one."""
     scene = cards(Card(1.5, half=(7.0, 20.0), seed=1), Card(4.0, half=(28.0, 16.0), seed=2))
     fit = lens_at(2.18, 21.0)
     seen = {quality: through(quality, scene, fit) for quality in QUALITIES}

@@ -94,7 +94,7 @@ def test_same_bits_for_any_height_of_bands():
 
 @case
 def test_papers_networks_in_strips_of_any_height():
-    """The paper's networks see strips of 32, 64 or all rows and give the same to a float's end."""
+    """The paper's networks give the same on strips of 32, 64 or all rows, to float precision."""
     networks = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
     rng = np.random.default_rng(0)
     code = rng.random((128, 96, 3), dtype=np.float32)
@@ -152,7 +152,7 @@ def test_same_bits_in_any_process():
 
 @case
 def test_same_bits_after_any_frame():
-    """A frame looks the same alone, after others, and after itself: nothing is carried along."""
+    """A frame looks the same alone, after others, and after itself: no state is kept."""
     plate, figures = plate_bgr(), []
     with folder() as place:
         glb = cube(place / "cube.glb")

@@ -45,7 +45,7 @@ def _spans(spans):
 
 @case
 def test_ground_of_a_single_disparity():
-    """A ground of one disparity, or of a span of 1e-9, gives the blur that it shows, and doubt."""
+    """A ground of one disparity, or of a span of 1e-9, gives its own blur, of ambiguous sign."""
     spans = [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 1e-2]
     found, signs = _spans(spans)
 
@@ -138,7 +138,7 @@ def _runway(behind: float) -> Scene:
 
 @case
 def test_object_crossing_the_near_plane():
-    """A strip that runs on behind the camera looks as one that ends just outside the frame."""
+    """A strip that extends behind the camera looks like one that ends just outside the frame."""
     ends_before, runs_through = _runway(-0.6), _runway(40.0)
     fit = lens_at(2.0, 10.0)
     plain = sharp(ends_before)
@@ -159,7 +159,7 @@ def test_object_crossing_the_near_plane():
 @pytest.mark.needs_gl
 @case
 def test_object_crossing_the_near_plane_in_opengl():
-    """OpenGL and the rasteriser draw a strip that runs on behind the camera alike."""
+    """OpenGL and the rasteriser draw a strip that extends behind the camera alike."""
     seen = {}
     for kind in (SoftwareObjectRenderer, PyrenderObjectRenderer):
         with kind(_runway(40.0)) as renderer:
@@ -194,7 +194,7 @@ def test_object_behind_the_camera():
 
 @case
 def test_camera_inside_the_object():
-    """A lens in the middle of a cube sees it all round: no preset lets the plate shine through."""
+    """Inside of a cube the object covers the whole frame: the plate shows through in no preset."""
     fit, plates = LENS.for_width(160, 90), [plate_bgr()[::3, ::3].copy() for _ in range(2)]
     plates[1][:] = 0
     with folder() as place:
@@ -253,7 +253,7 @@ def test_fit_of_constant_coc():
 
 @case
 def test_ground_plane_seen_edge_on():
-    """A camera in the ground plane itself, and one that sees no ground, are told so in one line."""
+    """A camera in the ground plane itself, and one that sees no ground, are refused in one line."""
     said = []
     for disparity in (np.zeros((ROWS, COLUMNS)), -np.ones((ROWS, COLUMNS))):
         mask = np.zeros(disparity.shape, bool)

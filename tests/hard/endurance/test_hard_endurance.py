@@ -69,5 +69,5 @@ def live_loop_of_100_000_frames():
 
 @case
 def file_of_100_000_frames():
-    """An hour of frames, likewise recorded: no tick lost, memory but for the file's index."""
+    """An hour of frames, likewise recorded: no tick is lost, only the file's index grows."""
     return _of_file(_long()["file"], 100_000)

@@ -67,7 +67,7 @@ def test_random_outliers():
 
 @case
 def test_consistent_outliers():
-    """With 60 % of the plane at a blur of its own, a wall, what is under the object decides."""
+    """With 60 % of the plane at the blur of a wall, the ground under the object decides."""
     plane = _ground()
     coc = _true(plane)
     wall = np.random.default_rng(1).random(COLUMNS) < 0.6
@@ -88,7 +88,7 @@ def test_consistent_outliers():
 
 @case
 def test_ambiguous_sign_of_the_coc():
-    """A ground of hardly any span of disparity fits both signs: it is said; the blur is right."""
+    """A ground of a tiny span of disparity: the blur is right, the sign is called ambiguous."""
     plane = _ground(far=0.985)
     rng = np.random.default_rng(3)
     offs, signs, margins = [], [], []
@@ -154,7 +154,7 @@ def test_focus_in_the_middle_of_the_footprint():
 
 @case
 def test_samples_of_extreme_coc():
-    """A CoC of 1e30 px, or of infinity, in a tenth of the samples does not reach the fit."""
+    """A CoC of 1e30 px, or of infinity, in a tenth of the samples does not affect the fit."""
     plane, figures = _ground(), []
     for wild in (1e4, 1e30, np.inf):
         coc = _true(plane)

@@ -89,7 +89,7 @@ def test_footprint_of_48_pixels_and_more():
 
 @case
 def test_footprint_of_constant_coc():
-    """A footprint that reads 12 px all over, where 10.5 is true, does not bend the plane."""
+    """A footprint read as 12 px everywhere, where 10.5 is true, does not bias the plane's fit."""
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
     coc = _read()
@@ -104,7 +104,7 @@ def test_footprint_of_constant_coc():
 
 @case
 def test_footprint_with_nan_confidence():
-    """NaN confidence in the footprint leaves it out; NaN all over is one line of error."""
+    """NaN confidence excludes the footprint; NaN everywhere is an error of one line."""
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
     plane, coc = _ground(mask), _read()

@@ -37,13 +37,13 @@ def kills_part(tallies: tuple[Tally, Tally]) -> str:
     rows = [
         ("runs killed", keeping.kills, resuming.kills),
         ("of them before anything was kept", keeping.early, resuming.early),
-        ("of them after the result had its name", keeping.after, resuming.after),
-        ("results that were there and not whole", keeping.broken, resuming.broken),
-        ("names that tell nobody what they are", len(keeping.strange), len(resuming.strange)),
-        ("temporaries of half a second or more that play", keeping.played, "–"),
+        ("of them after the result was complete", keeping.after, resuming.after),
+        ("incomplete results", keeping.broken, resuming.broken),
+        ("leftover files without a recognisable name", len(keeping.strange), len(resuming.strange)),
+        ("temporary files of half a second or more that play", keeping.played, "–"),
         ("of them that do not", keeping.unplayable, "–"),
         ("chunks lost", "–", resuming.lost),
-        ("results finished on what killed runs had left", "–", resuming.resumed),
+        ("results finished from the chunks of killed runs", "–", resuming.resumed),
     ]
     head = ["| | `--keep-partial` | `--resume` |", "| --- | ---: | ---: |"]
     return "\n".join([*head, *(f"| {what} | {one} | {other} |" for what, one, other in rows)])

@@ -57,7 +57,7 @@ def _outcome(made, figures):
 
 @case
 def test_extreme_pictures_for_the_coc_network():
-    """The CoC network answers with numbers, never below 0, whatever finite picture it sees."""
+    """The CoC network gives numbers, never below 0, for every finite picture."""
     with OnnxCocNetwork(find_model("coc").path) as network:
         return _outcome(*_read(network))
 
@@ -81,7 +81,7 @@ def _int8(folder: Path) -> Path:
 @pytest.mark.needs_torch  # the quantiser comes with what trains
 @case
 def test_coc_network_quantised_to_int8():
-    """The same network quantised to 8 bits stays finite, and near itself on ordinary pictures."""
+    """The same network quantised to 8 bits stays finite, and close on ordinary pictures."""
     with (
         folder() as place,
         OnnxCocNetwork(_int8(place)) as network,
@@ -98,7 +98,7 @@ def test_coc_network_quantised_to_int8():
 
 @case
 def test_extreme_geometry_for_the_repair_network():
-    """The repair's answer stays within [0, 1] and [-0.5, 0.5], whatever geometry it is asked of."""
+    """The depth-order network's output stays within [0, 1] and [-0.5, 0.5] for any geometry."""
     network = OnnxRepairNetwork(find_model("reblur").path)
     rng = np.random.default_rng(2)
     asked = {
@@ -123,7 +123,7 @@ def test_extreme_geometry_for_the_repair_network():
 
 @case
 def test_extreme_inputs_for_the_papers_networks():
-    """The paper's two networks answer extreme pictures and CoC with numbers."""
+    """The paper's two networks give finite numbers for extreme pictures and CoC."""
     networks = OnnxPaperNetworks(find_model("paper-arnet").path, find_model("paper-iunet").path)
     figures, shown = [], {}
     for name, picture in _pictures().items():

@@ -131,40 +131,40 @@ def test_clipped_plate_with_a_given_lens():
 
 @case
 def test_black_plate():
-    """A black plate tells no blur, and the user hears so."""
+    """The blur of a black plate cannot be measured: the fit ends with an error of one line."""
     return _found_lens("black")
 
 
 @case
 def test_white_plate():
-    """A white plate tells no blur, and the user hears so."""
+    """The blur of a white plate cannot be measured: the fit ends with an error of one line."""
     return _found_lens("white")
 
 
 @case
 def test_grey_plate():
-    """A grey plate tells no blur, and the user hears so."""
+    """The blur of a grey plate cannot be measured: the fit ends with an error of one line."""
     return _found_lens("constant")
 
 
 @case
 def test_plate_of_pure_noise():
-    """Noise alone is as sharp as can be, everywhere: so the object is in focus, too.
+    """Pure noise is measured as sharp everywhere, so the object is in focus, too.
 
-    Below a pixel and a half the network cannot tell blur from the softness of a lens.
+    Below 1.5 px the network cannot distinguish defocus from the softness of a lens.
     """
     return _found_lens("pure noise", (0.0, 1.0))
 
 
 @case
 def test_plate_with_a_single_edge():
-    """A single sharp edge tells its own blur, but not that of the ground, and the user hears so."""
+    """A single sharp edge shows no blur of the ground: the fit ends with an error of one line."""
     return _found_lens("one edge")
 
 
 @case
 def test_clipped_plate():
-    """With contrast fourfold and most of the plate clipped, what is left tells the lens."""
+    """With contrast fourfold and most of the plate clipped, the rest is enough to fit the lens."""
     return _found_lens("saturated", (shots.SLOPE / 1.6 + shots.INTERCEPT, 1.5))
 
 

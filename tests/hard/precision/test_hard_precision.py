@@ -482,7 +482,7 @@ def test_colour_kernels_against_float64():
 
 @case
 def test_every_kernel_is_compared():
-    """Every kernel that counts with floats stands in one of the tables above."""
+    """Every kernel that computes with floats is in one of the tables above."""
     loops = re.compile(r"^from nlens_video\.native import kernels\b", re.MULTILINE)
     root = Path(nlens_video.__file__).parent
     found = {
@@ -512,7 +512,7 @@ def test_every_kernel_is_compared():
 
 @case
 def test_bright_highlight_beside_dark_areas():
-    """A pixel of 1e4 to 1e8 times white leaves dark parts out of its reach almost as they are."""
+    """A pixel of 1e4 to 1e8 times white hardly changes dark parts beyond its disc."""
     values, aways = (1e2, 1e4, 1e6, 1e8), []
     for value in values:
         worst = 0.0

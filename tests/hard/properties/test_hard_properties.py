@@ -233,7 +233,7 @@ def test_order_of_disjoint_objects_does_not_matter():
 
 @case
 def test_blur_is_linear_in_light():
-    """A card with a share of the light blurs to that share; coverage does not know the light."""
+    """A card with a share of the light blurs to that share; coverage does not depend on light."""
     worst = Worst()
 
     @FEW

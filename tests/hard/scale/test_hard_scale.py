@@ -138,7 +138,7 @@ def _bodies(unit: float) -> list[bool]:
 
 @case
 def test_closed_mesh_of_any_size():
-    """Whether a mesh is closed, so that nobody sees its back, does not hang on its size."""
+    """Whether a mesh is closed, so that its back faces are hidden, does not depend on its size."""
     units = (1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9, 1e12)
     found = np.array([_bodies(unit) for unit in units])
     wrong = int((found != [True, True, False]).sum())

@@ -118,7 +118,7 @@ print((peak - base) / 1024, rows[0], rows[-1], columns[0], columns[-1])
 
 @case
 def test_frame_of_8k():
-    """A frame of 7680 x 4320 looks as one of 480 x 270 does, and memory is a few frames."""
+    """A frame of 7680 x 4320 looks like one of 480 x 270, and memory is a few frames."""
     with folder() as place:
         glb = cube(place / "cube.glb")
         command = [sys.executable, "-c", RUN, str(TESTS), str(place), "realtime"]
@@ -145,7 +145,7 @@ def test_frame_of_8k():
 
 @case
 def test_object_larger_than_any_frame():
-    """An object of 1e5 frames' width around the camera's view draws no more than the frame."""
+    """For an object of 1e5 frames' width around the camera, no more than the frame is drawn."""
     with folder() as place:
         glb = cube(place / "huge.glb", at=(0.0, -4e4, -5e4), size=8e4)
         try:

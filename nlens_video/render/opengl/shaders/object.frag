@@ -48,8 +48,8 @@ uniform sampler2D thickness_map;
 uniform sampler2D surround_map;  // light from around, filtered: `Surround.levels` one below another
 #endif
 
-#ifdef USE_BEHIND
-uniform sampler2D limit;  // window depth of each pixel; what is nearer is left out
+#ifdef USE_LIMIT
+uniform sampler2D limit;  // window depth of each pixel, from which on a surface is behind
 #endif
 
 out vec4 radiance;
@@ -494,4 +494,8 @@ void main()
 #endif
     // The target holds half floats: an overflow to infinity would spread through the blur.
     radiance = vec4(min(color, vec3(60000.0)) * alpha, alpha * (1.0 - shown));
+#ifdef USE_FRONT
+    // What is behind hides what is farther still, and gives no light.
+    if (gl_FragCoord.z >= texelFetch(limit, ivec2(gl_FragCoord.xy), 0).r) radiance = vec4(0.0);
+#endif
 }

@@ -1,0 +1,136 @@
+"""Colour of a result's samples: what they mean, and what of it a reader is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import av
+from av.video.codeccontext import VideoCodecContext
+
+from nlens_video.core.color import FULL_RANGE, ColorTags, luma
+from nlens_video.core.errors import InputError
+from nlens_video.video.info import FrameTags, SourceInfo
+from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
+
+_LIMITED = 1
+_HOLDING = ("matroska", "mov", "mp4")
+"""Muxers that hold the tags of most encoders."""
+_ALIKE = ("bt709", "smpte170m", "bt2020-10", "bt2020-12", "iec61966-2-1")
+"""Transfer functions that players show alike."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredColour:
+    """Colour of a result's samples.
+
+    Attributes:
+        pixel_format: FFmpeg's name.
+        tags: of the samples.
+        limited: whether samples of full range become limited.
+        lost: names and values of the source's tags that a reader does not take them for.
+    """
+
+    pixel_format: str
+    tags: FrameTags
+    limited: bool = False
+    lost: tuple[str, ...] = ()
+
+    def notes(self, container: str, encoder: str) -> tuple[str, ...]:
+        """What differs from the source.
+
+        Args:
+            container: FFmpeg's name of the muxer.
+            encoder: FFmpeg's name of it.
+        """
+        notes = []
+        if self.limited:
+            notes.append(f"full range becomes limited: {encoder} in {container} is read as limited")
+        if self.lost:
+            advice = "" if container in _HOLDING else "; .mkv, .mov and .mp4 files do"
+            tags = ", ".join(self.lost)
+            notes.append(
+                f"colour tags are left out ({tags}): {container} does not hold them for {encoder}"
+                f"{advice}"
+            )
+        return tuple(notes)
+
+
+def stored_colour(
+    info: SourceInfo, pixel_format: str, read: Callable[[FrameTags], FrameTags]
+) -> StoredColour:
+    """Colour of the samples of a source in a pixel format.
+
+    Args:
+        info: the source.
+        pixel_format: of the result, FFmpeg's name.
+        read: what a reader finds of tags that are written.
+    """
+    tags = _tags(info, pixel_format)
+    kind = _layout(pixel_format)
+    if kind is None or tags == FrameTags():
+        return StoredColour(pixel_format=pixel_format, tags=tags)
+    found = read(tags)
+    meant = _resolved(kind, info, tags, FULL_RANGE if kind.full_range else tags.color_range)
+    taken = _resolved(kind, info, found, found.color_range)
+    limited = meant.full_range and not taken.full_range
+    return StoredColour(
+        pixel_format=pixel_format.replace("yuvj", "yuv") if limited else pixel_format,
+        tags=replace(tags, color_range=_LIMITED) if limited else tags,
+        limited=limited, lost=_lost(meant, taken),
+    )  # fmt: skip
+
+
+def siting_option(info: SourceInfo, pixel_format: str) -> dict[str, str]:
+    """An encoder's option for chroma that does not lie where readers assume, on the left.
+
+    Args:
+        info: the source.
+        pixel_format: of the result, FFmpeg's name.
+    """
+    kinds = (_layout(info.pixel_format), _layout(pixel_format))
+    halved = all(kind is not None and (kind.step_x, kind.step_y) == (2, 2) for kind in kinds)
+    told = halved and info.chroma_siting not in ("", "left")
+    return {"chroma_sample_location": info.chroma_siting} if told else {}
+
+
+def set_colour(told: VideoCodecContext | av.VideoFrame, tags: FrameTags) -> None:
+    """Tell an encoder, or a frame, the colour of its samples."""
+    told.colorspace, told.color_range = tags.colorspace, tags.color_range
+    told.color_primaries, told.color_trc = tags.color_primaries, tags.color_trc
+
+
+def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
+    """The source's tags; after a conversion from RGB to YUV those of `converted`."""
+    if av.VideoFormat(pixel_format).is_rgb:
+        return replace(info.frame_tags, colorspace=0, color_range=FULL_RANGE)
+    if info.tags.matrix != "gbr" or "gray" in pixel_format:
+        return info.frame_tags
+    matrix, span = (5, FULL_RANGE) if pixel_format.startswith("yuvj") else (1, _LIMITED)
+    return FrameTags(colorspace=matrix, color_range=span, color_primaries=1, color_trc=13)
+
+
+def _layout(pixel_format: str) -> PixelLayout | None:
+    try:
+        return layout(working_format(pixel_format))
+    except InputError:
+        return None
+
+
+def _resolved(kind: PixelLayout, info: SourceInfo, tags: FrameTags, span: int) -> ColorTags:
+    return ColorTags.resolve(
+        kind.family, info.stored_size, matrix=tags.colorspace, transfer=tags.color_trc,
+        primaries=tags.color_primaries, range_=span,
+    )  # fmt: skip
+
+
+def _lost(meant: ColorTags, taken: ColorTags) -> tuple[str, ...]:
+    lost = []
+    if (luma(meant.matrix) != luma(taken.matrix)).any():
+        lost.append(f"matrix {meant.matrix}")
+    curves = (meant.transfer, taken.transfer)
+    if curves[0] != curves[1] and not set(curves).issubset(_ALIKE):
+        lost.append(f"transfer {meant.transfer}")
+    if meant.primaries != taken.primaries:
+        lost.append(f"primaries {meant.primaries}")
+    return tuple(lost)

@@ -1,0 +1,1 @@
+"""Times of results: ticks of encoders, and when a result begins."""

@@ -1,0 +1,124 @@
+"""Times of the frames that an encoder gets, and of the packets that it gives."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import lcm
+from typing import TypeAlias
+
+import av
+from av.video.stream import VideoStream
+
+from nlens_video.video.info import SourceFrame, SourceInfo
+
+_LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
+_FINEST = 1_000_000
+"""Most ticks in a second; rates that need more are estimates [1/s]."""
+Packets: TypeAlias = "list[av.Packet[VideoStream]]"
+
+
+class EncoderClock:
+    """Times of an encoder with exact pts.
+
+    Attributes:
+        time_base: of the encoder [s].
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        self.time_base = info.time_base
+        self._first: int | None = None
+        self._longest_s = Fraction(_LONGEST_DELAY_S)
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to encode."""
+        encoded.pts, encoded.time_base = frame.pts, frame.time_base
+        encoded.duration = frame.duration
+        self._first = frame.pts if self._first is None else self._first
+        # the first packet may be decoded as long before its frame as the clip lasts
+        self._longest_s = _LONGEST_DELAY_S + 2 * (frame.pts - self._first) * frame.time_base
+
+    def retimed(self, packets: Packets) -> Packets:
+        """The packets, in place, at the source's times."""
+        for packet in packets:
+            if packet.pts is None or packet.dts is None:
+                continue
+            # x265 leaves dts to chance in clips shorter than its reordering delay
+            if abs(packet.pts - packet.dts) * Fraction(packet.time_base or 1) > self._longest_s:
+                packet.dts = packet.pts
+        return packets
+
+
+class FixedRateClock(EncoderClock):
+    """Times of an encoder that needs a fixed rate; its packets get the source's times back."""
+
+    def __init__(self, info: SourceInfo, rate: Fraction) -> None:
+        super().__init__(info)
+        self.time_base = 1 / rate
+        self._source = info.time_base
+        self._first: int | None = None
+        self._last = -1
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to the nearest free step of the rate."""
+        if self._first is None:
+            self._first = frame.pts
+        step = round((frame.pts - self._first) * self._source / self.time_base)
+        self._last = max(step, self._last + 1)
+        encoded.pts, encoded.time_base, encoded.duration = self._last, self.time_base, 1
+
+    def retimed(self, packets: Packets) -> Packets:
+        """The packets, in place, counted from the first frame's pts."""
+        for packet in packets:
+            scale = self.time_base / self._source
+            first = self._first or 0
+            packet.pts = None if packet.pts is None else first + round(packet.pts * scale)
+            packet.dts = None if packet.dts is None else first + round(packet.dts * scale)
+            packet.duration = round(scale)
+            packet.time_base = self._source
+        return packets
+
+
+class GridClock(EncoderClock):
+    """Times of a constant rate whose frames last no whole number of the source's ticks.
+
+    Matroska rounds times to milliseconds, so that frames of 1001/24000 s last 41 or 42 ms. Frames
+    within one tick of the rate's times get these, all others keep their own. Ticks are such that
+    both are whole numbers of them.
+    """
+
+    def __init__(self, info: SourceInfo) -> None:
+        super().__init__(info)
+        rate = info.average_rate or Fraction(25)
+        self.time_base = _common_tick(rate, info.time_base)
+        self._step = int(1 / rate / self.time_base)
+        self._last: int | None = None
+
+    @staticmethod
+    def suits(info: SourceInfo) -> bool:
+        """Whether a source's rate is constant and its ticks do not express it."""
+        rate = info.average_rate
+        if rate is None or not info.steady or (1 / rate / info.time_base).denominator == 1:
+            return False
+        return _common_tick(rate, info.time_base) * _FINEST >= 1
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to that of the rate, or to its own where they differ."""
+        super().stamp(encoded, frame)
+        unit, first = frame.time_base / self.time_base, self._first or 0
+        since = (frame.pts - first) * unit
+        nearest = round(since / self._step) * self._step
+        on_grid = abs(nearest - since) <= unit
+        pts = round(first * unit) + (nearest if on_grid else round(since))
+        self._last = pts if self._last is None else max(pts, self._last + 1)
+        encoded.pts, encoded.time_base = self._last, self.time_base
+        encoded.duration = self._step if on_grid else round(frame.duration * unit)
+
+
+def _common_tick(rate: Fraction, time_base: Fraction) -> Fraction:
+    """The longest tick of which a frame and a tick of a source are whole numbers [s].
+
+    Args:
+        rate: of the frames [1/s].
+        time_base: a tick of the source [s].
+    """
+    return Fraction(1, lcm(rate.numerator, time_base.denominator))
