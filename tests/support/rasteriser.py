@@ -54,6 +54,8 @@ def random_block(rng):
     for first in (at.NORMAL_X, at.VIEW_X):
         vectors = rng.normal(size=(3, at.WIDTH))
         fields[first : first + 3] = vectors / np.linalg.norm(vectors, axis=0)
+    fields[at.WIDENING] *= 0.18
+    fields[at.WIDENING, ::2] = 0.0  # flat
     return fields
 
 
@@ -61,10 +63,10 @@ def surface(fields, i):
     rows = fields.astype(np.float64)
     three = [rows[first : first + 3, i] for first in
              (at.NORMAL_X, at.VIEW_X, at.BASE_R, at.F0_R)]  # fmt: skip
-    one = [float(rows[field, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR)]
+    one = [float(rows[field, i]) for field in (at.METALLIC, at.ROUGHNESS, at.SPECULAR, at.WIDENING)]
     return reference_kernels.SurfacePoint(
         normal=three[0], view=three[1], base=three[2], f0=three[3],
-        metallic=one[0], roughness=one[1], specular=one[2],
+        metallic=one[0], roughness=one[1], specular=one[2], widening=one[3],
     )  # fmt: skip
 
 

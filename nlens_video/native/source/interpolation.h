@@ -25,8 +25,8 @@ struct Mesh {
                                               &Mesh::faces,     &Mesh::material, &Mesh::planes};
 };
 
-// Interpolates vertex attributes at the first `count` points: depth, normals of any length, vertex
-// colours as base colour, texture coordinates and their change, and which material it is.
+// Interpolates vertex attributes at the first `count` points: depth, normals of any length and how they
+// vary, vertex colours as base colour, texture coordinates and their change, and which material it is.
 void interpolate(Block& block, int count, const Mesh& mesh);
 
 // Tilts the normals of a run by its normal map; their frame comes from derivatives of `uv`.

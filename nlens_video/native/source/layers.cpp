@@ -16,7 +16,7 @@ namespace nlens {
 namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
-constexpr float kLeast = 1e-30f, kLeastNv = 1e-4f, kLeastAlpha = 0.002f;
+constexpr float kLeast = 1e-30f, kLeastNv = 1e-4f;
 constexpr float kCoatF0 = 0.04f;
 constexpr float kLeastSheen = 0.07f, kFitted = 0.1f, kLeastFrost = 0.2f;
 constexpr float kRed = 0.2126f, kGreen = 0.7152f, kBlue = 0.0722f;  // shares of luminance
@@ -52,8 +52,8 @@ Cosines cosines_of(Vector n, Vector half, Vector light, Vector eye) {
     return {std::max(dot(n, half), 0.0f), dot(n, light), std::max(std::fabs(dot(n, eye)), kLeastNv)};
 }
 
-float glossy(Cosines n, float alpha) {
-    const float a2 = alpha * alpha;
+// `a2` is the square of alpha.
+float glossy(Cosines n, float a2) {
     const float spread = n.half * n.half * (a2 - 1.0f) + 1.0f;
     const float hidden = n.light * std::sqrt(n.eye * n.eye * (1.0f - a2) + a2) +
                          n.eye * std::sqrt(n.light * n.light * (1.0f - a2) + a2);
@@ -104,6 +104,7 @@ float fibre_share(float nv, float roughness) {
 struct Surface {
     Vector normal, view, base, f0;
     float metallic, roughness, specular, occlusion;
+    float widening;
     float anisotropy;
     Vector along, beside;  // of any length
     float coat, coat_roughness;
@@ -122,6 +123,7 @@ struct Surface {
           roughness(block.roughness[i]),
           specular(block.specular[i]),
           occlusion(block.occlusion[i]),
+          widening(block.widening[i]),
           anisotropy(block.anisotropy[i]),
           along(get(block.along, i)),
           beside(get(block.beside, i)),
@@ -151,11 +153,13 @@ struct Layers {
 
 // Microfacets of the base.
 float base_lobe(const Surface& surface, Cosines cosines, Vector half, Vector light) {
-    const float alpha = std::max(square(surface.roughness), kLeastAlpha), strength = surface.anisotropy;
-    if (!(strength > 0.0f) || !(dot(surface.along, surface.along) > 0.0f)) return glossy(cosines, alpha);
+    const float a2 = widened(surface.roughness, surface.widening), strength = surface.anisotropy;
+    if (!(strength > 0.0f) || !(dot(surface.along, surface.along) > 0.0f)) return glossy(cosines, a2);
     const auto to = [&](Vector v) { return Cosines{dot(v, half), dot(v, light), dot(v, surface.view)}; };
+    const float alpha = std::max(square(surface.roughness), kLeastAlpha);
     const float wide = alpha + (1.0f - alpha) * strength * strength;
-    return stretched(cosines, to(unit(surface.along)), to(unit(surface.beside)), wide, alpha);
+    const float wider = std::sqrt(std::min(wide * wide + surface.widening, 1.0f));
+    return stretched(cosines, to(unit(surface.along)), to(unit(surface.beside)), wider, std::sqrt(a2));
 }
 
 void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
@@ -182,8 +186,8 @@ void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
     if (!surface.has_coat()) return;
     const Cosines coat = cosines_of(surface.coat_normal, half, ray.toward, surface.view);
     if (!(coat.light > 0.0f)) return;
-    const float alpha = std::max(square(surface.coat_roughness), kLeastAlpha);
-    layers.coat = layers.coat + ray.light * (coat.light * glossy(coat, alpha));
+    const float a2 = widened(surface.coat_roughness, surface.widening);
+    layers.coat = layers.coat + ray.light * (coat.light * glossy(coat, a2));
 }
 
 // Adds what a point reflects of the light from around, likewise.
@@ -191,10 +195,12 @@ void add_surround(Layers& layers, const Surface& surface, const Lights& lights) 
     const Vector n = surface.normal, v = surface.view;
     const float facing = dot(n, v), metallic = surface.metallic;
     const float edge = surface.specular + (1.0f - surface.specular) * metallic;
-    const Vector ahead = mirrored_around(lights, mirror(n, v), n, surface.roughness);
+    const float wide = widened_roughness(surface.roughness, surface.widening);
+    const Vector ahead = mirrored_around(lights, mirror(n, v), n, wide);
     const Vector around = around_on(lights.ambient.data, n);
     const RoughMirror rough = rough_mirror(facing, surface.roughness);
-    const float scattered = (1.0f - metallic) * (1.0f - surface.through);
+    const float left = rough.left(surface.f0, surface.specular);
+    const float scattered = (1.0f - metallic) * (1.0f - surface.through) * left;
     const auto part = [&](float light, float mirrored, float base, float f0) {
         return light * base * scattered + mirrored * rough.share(f0 + (base - f0) * metallic, edge);
     };
@@ -208,7 +214,8 @@ void add_surround(Layers& layers, const Surface& surface, const Lights& lights) 
     }
     if (surface.has_coat()) {
         const Vector coat = surface.coat_normal;
-        const Vector gloss = mirrored_around(lights, mirror(coat, v), coat, surface.coat_roughness);
+        const float spread = widened_roughness(surface.coat_roughness, surface.widening);
+        const Vector gloss = mirrored_around(lights, mirror(coat, v), coat, spread);
         layers.coat = layers.coat + gloss * surface.occlusion;
     }
 }

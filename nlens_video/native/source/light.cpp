@@ -25,9 +25,7 @@ inline Vector reflected(const Block& block, int i, const Ray& ray) {
     const float vh = smaller(larger(dot(v, h) * scale, 0.0f), 1.0f);
     const float away = 1.0f - vh;
     const float grazing = away * away * (away * away) * away;
-    const float roughness = block.roughness[i];
-    const float alpha = larger(roughness * roughness, 0.002f);
-    const float a2 = alpha * alpha, rest = 1.0f - a2;
+    const float a2 = widened(block.roughness[i], block.widening[i]), rest = 1.0f - a2;
     const float spread = 1.0f - nh * nh * rest;
     const float hidden = nl * std::sqrt(nv * nv * rest + a2) + nv * std::sqrt(nl * nl * rest + a2);
     const float lobe = a2 * 0.5f / (kPi * spread * spread * hidden);
@@ -124,7 +122,7 @@ void find_mirrored(const Block& block, int count, Array<const float, 4> levels, 
     Block::Numbers across, down, rougher;
     const int side = levels.shape[1];
     for (int i = 0; i < kPoints; ++i) {
-        const float roughness = block.roughness[i];
+        const float roughness = widened_roughness(block.roughness[i], block.widening[i]);
         const Place place = place_of(reflection(get(block.normal, i), get(block.view, i)), roughness, side);
         texel[i] = place.texel;
         across[i] = place.across;
@@ -145,13 +143,15 @@ void light_from_around(Block& block, const float* rows, const Mirrored& mirrored
     for (int i = 0; i < kPoints; ++i) {
         const Vector n = get(block.normal, i), v = get(block.view, i);
         const float nv = dot(n, v), roughness = block.roughness[i], metallic = block.metallic[i];
+        const float wide = widened_roughness(roughness, block.widening[i]);
         const Vector around = around_on(ambient, n);
-        const Vector soft = mix(around_on(ambient, n * (nv + nv) - v), around, roughness);
+        const Vector soft = mix(around_on(ambient, n * (nv + nv) - v), around, wide);
         const Vector ahead = mix(soft, get(mirrored.light, i), mirrored.share[i]);
         const RoughMirror mirror = rough_mirror(nv, roughness);
         const float edge = block.specular[i] + (1.0f - block.specular[i]) * metallic;
         const Vector base = get(block.base, i), color = mix(get(block.f0, i), base, metallic);
-        const float plastic = 1.0f - metallic, part = block.occlusion[i];
+        const float plastic = (1.0f - metallic) * mirror.left(get(block.f0, i), block.specular[i]);
+        const float part = block.occlusion[i];
         const Vector lit{around.x * base.x * plastic + ahead.x * mirror.share(color.x, edge),
                          around.y * base.y * plastic + ahead.y * mirror.share(color.y, edge),
                          around.z * base.z * plastic + ahead.z * mirror.share(color.z, edge)};

@@ -32,6 +32,20 @@ inline float smaller(float a, float b) {
     return a < b ? a : b;
 }
 
+constexpr float kLeastAlpha = 0.002f;
+
+// The square of alpha of a roughness, widened, see `Block::widening`.
+inline float widened(float roughness, float widening) {
+    const float alpha = larger(roughness * roughness, kLeastAlpha);
+    return smaller(alpha * alpha + widening, 1.0f);
+}
+
+// The roughness of that alpha, as the light around is looked up by; where nothing is widened, the own one.
+inline float widened_roughness(float roughness, float widening) {
+    const float wider = std::sqrt(std::sqrt(widened(roughness, widening)));
+    return widening > 0.0f ? wider : roughness;
+}
+
 // Light that reaches a point: the unit direction it comes from, and how much.
 struct Ray {
     Vector toward, light;
@@ -81,6 +95,12 @@ struct RoughMirror {
     // The share, by its colour and what it reflects at grazing angles.
     float share(float color, float edge) const {
         return (color * scale + edge * bias) * (1.0f + color * repeated);
+    }
+
+    // What a dielectric mirror leaves for what lies below; alike for all colours, as under lamps.
+    float left(Vector color, float edge) const {
+        const float most = larger(color.x, larger(color.y, color.z));
+        return larger(1.0f - share(most, edge), 0.0f);
     }
 };
 

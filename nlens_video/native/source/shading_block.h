@@ -43,10 +43,13 @@ struct Block {
     // Share of light that goes through, optical depth of the volume; what hides the things behind.
     Numbers through, volume[3], hidden;
 
+    // How much the normal varies within the pixel, as what it adds to the square of alpha.
+    Numbers widening;
+
     // Triangle, pixel (row * columns + column), samples (a bit each), material.
     Integers triangle, pixel, mask, material;
 };
-static_assert(sizeof(Block) == (71 + 4) * kPoints * 4);  // tests know the rows
+static_assert(sizeof(Block) == (72 + 4) * kPoints * 4);  // tests know the rows
 
 // Points of a block: the first, and one beyond the last.
 struct Run {

@@ -1,4 +1,4 @@
-"""Objects on the GPU: the scene's textures, materials and meshes, and framebuffers.
+"""Objects on the GPU: the scene's materials and meshes, and framebuffers.
 
 The scene is uploaded once, vertices are updated in place. Framebuffers hold half-float colour and
 float depth, four samples a pixel.
@@ -15,49 +15,13 @@ from OpenGL import GL
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.render.base.shader_inputs import SLOTS, material_params, texture_uses
+from nlens_video.render.opengl.gpu_textures import GpuTexture
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedMesh
 
-_SHRINKING = {GL.GL_NEAREST, GL.GL_LINEAR}
 _SAMPLES = 4
 _STEP = 64
-
-
-class GpuTexture(pyrender.Texture):  # type: ignore[misc]  # untyped base
-    """A texture whose colours are decoded before they are filtered."""
-
-    def __init__(self, image: Image) -> None:
-        super().__init__(source=None, source_channels="RGBA", width=1, height=1)
-        self._image = image
-
-    def _add_to_context(self) -> None:
-        pixels, image = np.ascontiguousarray(self._image.pixels), self._image
-        stored = GL.GL_SRGB8_ALPHA8 if image.srgb else GL.GL_RGBA8
-        self._texid = GL.glGenTextures(1)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, self._texid)
-        # Not flipped: row 0 of the picture is v = 0, as glTF has it.
-        GL.glTexImage2D(
-            GL.GL_TEXTURE_2D,
-            0,
-            stored,
-            pixels.shape[1],
-            pixels.shape[0],
-            0,
-            GL.GL_RGBA,
-            GL.GL_UNSIGNED_BYTE,
-            pixels,
-        )
-        if image.min_filter not in _SHRINKING:
-            GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
-        for name, value in (
-            (GL.GL_TEXTURE_MAG_FILTER, image.mag_filter),
-            (GL.GL_TEXTURE_MIN_FILTER, image.min_filter),
-            (GL.GL_TEXTURE_WRAP_S, image.wrap[0]),
-            (GL.GL_TEXTURE_WRAP_T, image.wrap[1]),
-        ):
-            GL.glTexParameteri(GL.GL_TEXTURE_2D, name, value)
-        GL.glBindTexture(GL.GL_TEXTURE_2D, 0)
 
 
 class GpuMaterial(pyrender.MetallicRoughnessMaterial):  # type: ignore[misc]  # untyped base

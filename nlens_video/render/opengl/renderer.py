@@ -27,8 +27,8 @@ from nlens_video.render.opengl.gpu_objects import (
     FloatTarget,
     GpuMaterial,
     GpuPrimitive,
-    GpuTexture,
 )
+from nlens_video.render.opengl.gpu_textures import GpuTexture
 from nlens_video.render.opengl.surround_texture import SurroundTexture
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import Image

@@ -25,6 +25,7 @@ class SurfacePoint:
     Attributes:
         along: tangent in which highlights are stretched by `anisotropy`.
         coat_normal: normal of the clear coat; that of the surface where it is None.
+        widening: what the normal's variance within the pixel adds to the square of alpha.
     """
 
     normal: Float64
@@ -41,6 +42,11 @@ class SurfacePoint:
     coat_normal: Float64 | None = None
     sheen: Float64 = field(default_factory=lambda: np.zeros(3))
     sheen_roughness: float = 0.0
+    widening: float = 0.0
+
+    def alpha(self, roughness: float) -> float:
+        """Of microfacets of a roughness, widened."""
+        return math.sqrt(min(max(roughness**2, 0.002) ** 2 + self.widening, 1.0))
 
 
 def layered(surface: SurfacePoint, toward: Float64) -> Float64:
@@ -56,7 +62,7 @@ def layered(surface: SurfacePoint, toward: Float64) -> Float64:
     normal = surface.normal if surface.coat_normal is None else surface.coat_normal
     facing, seen = float(normal @ toward), abs(float(normal @ surface.view))
     share = surface.coat * (0.04 + 0.96 * (1.0 - seen) ** 5)
-    alpha = max(surface.coat_roughness**2, 0.002)
+    alpha = surface.alpha(surface.coat_roughness)
     coat = 0.0
     if facing > 0.0:
         shine = _distribution(max(float(normal @ half), 0.0), alpha)
@@ -115,7 +121,7 @@ def reflectance(surface: SurfacePoint, toward: Float64) -> Float64:
         return np.zeros(3)
     half = (toward + surface.view) / np.linalg.norm(toward + surface.view)
     seen = max(abs(float(surface.normal @ surface.view)), 1e-4)
-    alpha = max(surface.roughness**2, 0.002)
+    alpha = surface.alpha(surface.roughness)
     grazing = (1.0 - float(np.clip(surface.view @ half, 0.0, 1.0))) ** 5
     shine = _distribution(max(float(surface.normal @ half), 0.0), alpha) * _visible(
         cosine, seen, alpha
@@ -133,8 +139,10 @@ def _stretched(surface: SurfacePoint, half: Float64, toward: Float64) -> float:
     """The lobe of KHR_materials_anisotropy."""
     along = np.zeros(3) if surface.along is None else surface.along
     frame = np.stack([along, np.cross(surface.normal, along), surface.normal])
-    narrow = max(surface.roughness**2, 0.002)
-    wide = narrow + (1.0 - narrow) * surface.anisotropy**2
+    alpha = max(surface.roughness**2, 0.002)
+    wide = alpha + (1.0 - alpha) * surface.anisotropy**2
+    wide = math.sqrt(min(wide**2 + surface.widening, 1.0))
+    narrow = surface.alpha(surface.roughness)
     h, light, view = frame @ half, frame @ toward, frame @ surface.view
     view[2] = max(abs(view[2]), 1e-4)
     density = 1.0 / (math.pi * wide * narrow * float(

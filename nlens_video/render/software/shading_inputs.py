@@ -7,8 +7,9 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Float32
 from nlens_video.native import kernels
+from nlens_video.render.base.mipmaps import Texels
 from nlens_video.render.base.shader_inputs import Lighting
-from nlens_video.render.software.textures import Table, Texels
+from nlens_video.render.software.textures import Table
 
 Int32 = npt.NDArray[np.int32]
 MeshBuffers = tuple[Float32, Float32, Float32, Float32, Int32, Int32, Float32]

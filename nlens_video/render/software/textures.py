@@ -1,8 +1,7 @@
 """Textures of the software rasteriser: mipmaps of all in one atlas.
 
-Texels are 16-bit linear light, which represents 8-bit sRGB codes to within 1/130000; textures are
-thus decoded once, before filtering. Each level has a border of one texel, filled as its sampler
-wraps it, so that the two texels of a row around any position are adjacent in memory.
+Each level has a border of one texel, filled as its sampler wraps it, so that the two texels of a
+row around any position are adjacent in memory.
 """
 
 from __future__ import annotations
@@ -10,14 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.color import transfer
-from nlens_video.scene.gltf.textures import LINEAR, NEAREST, Image
+from nlens_video.render.base.mipmaps import Texels, mipmaps
+from nlens_video.scene.gltf.textures import Image
 
-Texels = npt.NDArray[np.uint16]
 Table = npt.NDArray[np.int64]
 
 # OpenGL's codes, as glTF stores them.
@@ -47,7 +44,7 @@ class Atlas:
         table: list[tuple[int, ...]] = []
         for texture in textures:
             first = len(levels)
-            for level in _pyramid(texture):
+            for level in mipmaps(texture):
                 height, width = level.shape[:2]
                 levels.append((size + width + 3, width, height))
                 parts.append(_bordered(level, texture.wrap).ravel())
@@ -59,24 +56,6 @@ class Atlas:
             np.array(levels, np.int64).reshape(-1, 3),
             np.array(table, np.int64).reshape(-1, 6),
         )
-
-
-def _pyramid(texture: Image) -> list[Texels]:
-    """The picture in linear light and, where the sampler wants them, its halves."""
-    codes = np.arange(256) / 255.0
-    straight = np.round(codes * 65535.0).astype(np.uint16)
-    linear = transfer("iec61966-2-1").to_linear(codes)
-    decoded = np.round(linear * 65535.0).astype(np.uint16) if texture.srgb else straight
-    level: Texels = np.empty(texture.pixels.shape, np.uint16)
-    level[..., :3] = decoded[texture.pixels[..., :3]]
-    level[..., 3] = straight[texture.pixels[..., 3]]
-    levels: list[Texels] = [level]
-    while texture.min_filter not in (NEAREST, LINEAR) and max(level.shape[:2]) > 1:
-        height, width = max(1, level.shape[0] // 2), max(1, level.shape[1] // 2)
-        half = cv2.resize(level, (width, height), interpolation=cv2.INTER_AREA)
-        level = np.asarray(half, np.uint16).reshape(height, width, 4)
-        levels.append(level)
-    return levels
 
 
 def _bordered(level: Texels, wrap: tuple[int, int]) -> Texels:

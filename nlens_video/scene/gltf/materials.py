@@ -173,20 +173,24 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
     unlit = item.extension("KHR_materials_unlit") is not None
     # The extension's 0 stands for an infinite index: a mirror whose colour is specularColor.
     reflectance = 1.0 if n == 0.0 else ((n - 1.0) / (n + 1.0)) ** 2
+    base_color = pbr.vector("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0))
+    alpha_mode = item.choice("alphaMode", _ALPHA_MODES, "OPAQUE")
+    alpha_cutoff = item.number("alphaCutoff", 0.5)
+    of_texture = _texture_cutoff(alpha_mode, alpha_cutoff, base_color[3])
     return Material(
         name=item.name,
-        base_color=pbr.vector("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0)),
+        base_color=base_color,
         metallic=pbr.number("metallicFactor", 1.0),
         roughness=pbr.number("roughnessFactor", 1.0),
         emissive=tuple(gain * v for v in item.vector("emissiveFactor", 3, (0.0, 0.0, 0.0))),
         specular=specular.number("specularFactor", 1.0),
         f0=tuple(reflectance * c for c in color),
-        alpha_mode=item.choice("alphaMode", _ALPHA_MODES, "OPAQUE"),
-        alpha_cutoff=item.number("alphaCutoff", 0.5),
+        alpha_mode=alpha_mode,
+        alpha_cutoff=alpha_cutoff,
         double_sided=item.flag("doubleSided"),
         unlit=unlit,
         layers=Layers() if unlit else _read_layers(item, n),
-        base_color_texture=textures.use(pbr, "baseColorTexture", srgb=True),
+        base_color_texture=textures.use(pbr, "baseColorTexture", srgb=True, cutoff=of_texture),
         metallic_roughness_texture=textures.use(pbr, "metallicRoughnessTexture"),
         normal_texture=textures.use(item, "normalTexture", "scale"),
         occlusion_texture=textures.use(item, "occlusionTexture", "strength"),
@@ -202,6 +206,13 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
         transmission_texture=textures.use(clear, "transmissionTexture"),
         thickness_texture=textures.use(volume, "thicknessTexture"),
     )
+
+
+def _texture_cutoff(mode: AlphaMode, cutoff: float, factor: float) -> float | None:
+    """`Image.cutoff` of a base colour, by the alpha of its factor; that of vertices varies."""
+    if mode == "BLEND":
+        return 0.0
+    return cutoff / factor if mode == "MASK" and cutoff > 0.0 and factor > 0.0 else None
 
 
 def _read_layers(item: Fields, ior: float) -> Layers:

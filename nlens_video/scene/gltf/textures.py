@@ -47,6 +47,8 @@ class Image:
         mag_filter: OpenGL's code of the filter for enlarging.
         min_filter: OpenGL's code of the filter for shrinking.
         wrap: OpenGL's codes of what lies beyond the edge, along u and v.
+        cutoff: alpha below which nothing of a texel is seen, 0 where alpha is how much of it is
+            seen; None where alpha tells neither.
     """
 
     pixels: npt.NDArray[np.uint8]
@@ -54,6 +56,7 @@ class Image:
     mag_filter: int = LINEAR
     min_filter: int = _TRILINEAR
     wrap: tuple[int, int] = (_REPEAT, _REPEAT)
+    cutoff: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,12 +86,25 @@ class TextureReader:
 
     document: Document
     _pixels: dict[int, npt.NDArray[np.uint8]] = field(default_factory=dict)
-    _textures: dict[tuple[int, bool], Image | None] = field(default_factory=dict)
+    _textures: dict[tuple[int, bool, float | None], Image | None] = field(default_factory=dict)
 
     def use(
-        self, owner: Fields, key: str, strength_key: str = "", *, srgb: bool = False
+        self,
+        owner: Fields,
+        key: str,
+        strength_key: str = "",
+        *,
+        srgb: bool = False,
+        cutoff: float | None = None,
     ) -> TextureUse | None:
         """A material's texture, or None where it has none that can be drawn.
+
+        Args:
+            owner: what has it.
+            key: under which name.
+            strength_key: of its strength there; none by default.
+            srgb: as of `Image`.
+            cutoff: likewise.
 
         Raises:
             SceneError: its picture is missing or cannot be decoded.
@@ -97,9 +113,10 @@ class TextureReader:
             return None
         info = owner.child(key)
         declared = self.document.items("textures")
-        chosen = info.integer("index", below=len(declared)), srgb
+        chosen = info.integer("index", below=len(declared)), srgb, cutoff
         if chosen not in self._textures:
-            self._textures[chosen] = self._read(declared[chosen[0]], srgb=srgb)
+            found = self._read(declared[chosen[0]], srgb=srgb, cutoff=cutoff)
+            self._textures[chosen] = found
         image = self._textures[chosen]
         if image is None:
             return None
@@ -119,7 +136,7 @@ class TextureReader:
             strength=info.number(strength_key, 1.0) if strength_key else 1.0,
         )
 
-    def _read(self, texture: Fields, *, srgb: bool) -> Image | None:
+    def _read(self, texture: Fields, *, srgb: bool, cutoff: float | None) -> Image | None:
         others = (texture.extension(name) for name in _OTHER_FORMATS)
         owner = next((other for other in others if other and "source" in other), texture)
         if "source" not in owner:
@@ -147,6 +164,7 @@ class TextureReader:
                 sampler.choice("wrapS", _WRAPS, _REPEAT),
                 sampler.choice("wrapT", _WRAPS, _REPEAT),
             ),
+            cutoff=cutoff,
         )
 
     def _decode(self, image: Fields) -> npt.NDArray[np.uint8]:

@@ -5,6 +5,7 @@ centroid in vec3 relative;
 centroid in vec3 surface_normal;
 centroid in vec4 uv;
 centroid in vec4 tint;
+in vec3 central_normal;
 #ifdef USE_ANISOTROPY
 in vec3 place;
 in vec4 chart;
@@ -69,22 +70,24 @@ vec2 map_uv(int slot)
     return vec2(dot(u.xyz, at), dot(v.xyz, at));
 }
 
-// Tangent and bitangent of texture coordinates on a unit normal; false where they do not change.
-// From derivatives: no attribute needed, right for mirrored coordinates too.
+// Tangent and bitangent of texture coordinates on a unit normal, of unit length: MikkTSpace's. False
+// where the coordinates do not change, or in one direction only. From derivatives: no attribute needed,
+// right for mirrored coordinates too.
 bool tangents(vec3 position, vec2 at, vec3 n, out vec3 tangent, out vec3 bitangent)
 {
     vec3 dp_x = dFdx(position), dp_y = dFdy(position);
     vec2 duv_x = dFdx(at), duv_y = dFdy(at);
     vec3 across_y = cross(dp_y, n), across_x = cross(n, dp_x);
-    tangent = across_y * duv_x.x + across_x * duv_y.x;
+    // The handedness of gradients follows the screen's: dp_x, dp_y turn about +-n.
+    float turn = dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0;
+    vec3 rightwards = turn * (across_y * duv_x.x + across_x * duv_y.x);
     // v grows downwards in the picture, the map's green upwards.
-    bitangent = -(across_y * duv_x.y + across_x * duv_y.y);
-    float size = max(dot(tangent, tangent), dot(bitangent, bitangent));
-    if (size <= 0.0) return false;
-    // The frame's handedness follows the screen's: dp_x, dp_y turn about +-n.
-    float scale = inversesqrt(size) * (dot(cross(dp_x, dp_y), n) < 0.0 ? -1.0 : 1.0);
-    tangent *= scale;
-    bitangent *= scale;
+    vec3 upwards = -turn * (across_y * duv_x.y + across_x * duv_y.y);
+    float width = dot(rightwards, rightwards), height = dot(upwards, upwards);
+    if (!(min(width, height) > 1e-8 * max(width, height))) return false;
+    bitangent = upwards * inversesqrt(height);
+    tangent = cross(bitangent, n);
+    tangent *= dot(tangent, rightwards) < 0.0 ? -1.0 : 1.0;
     return true;
 }
 
@@ -107,10 +110,32 @@ vec3 shading_normal()
     return gl_FrontFacing ? n : -n;
 }
 
-// Trowbridge and Reitz's microfacets with Smith's shadowing, over 4 times both cosines.
-float glossy(float nh, float nl, float nv, float alpha)
+// How much the normal varies within the pixel, as what it adds to the square of alpha: Tokuyoshi and
+// Kaplanyan, "Improved Geometric Specular Antialiasing" (2019), the isotropic one.
+float normal_widening()
 {
-    float a2 = alpha * alpha;
+    vec3 n = normalize(central_normal);
+    vec3 across = dFdx(n), down = dFdy(n);
+    return min((dot(across, across) + dot(down, down)) / PI, 0.06);
+}
+
+// The square of alpha of a roughness, widened.
+float widened(float roughness, float widening)
+{
+    float alpha = max(roughness * roughness, 0.002);
+    return min(alpha * alpha + widening, 1.0);
+}
+
+// The roughness of that alpha, as the light around is looked up by.
+float widened_roughness(float roughness, float widening)
+{
+    return widening > 0.0 ? sqrt(sqrt(widened(roughness, widening))) : roughness;
+}
+
+// Trowbridge and Reitz's microfacets with Smith's shadowing, over 4 times both cosines; `a2` is the
+// square of alpha.
+float glossy(float nh, float nl, float nv, float a2)
+{
     float spread = nh * nh * (a2 - 1.0) + 1.0;
     return a2 / (PI * spread * spread)
         * 0.5 / (nl * sqrt(nv * nv * (1.0 - a2) + a2) + nv * sqrt(nl * nl * (1.0 - a2) + a2));
@@ -122,8 +147,9 @@ float glossy(float nh, float nl, float nv, float alpha)
 vec3 along, beside;
 float stretched;
 
-void find_stretch(float alpha)
+void find_stretch(float roughness, float widening)
 {
+    float alpha = max(roughness * roughness, 0.002);
     vec3 n = normalize(surface_normal), tangent, bitangent;
     float strength = layers.z;
     vec2 direction = vec2(cos(dielectric.w), sin(dielectric.w));
@@ -138,13 +164,15 @@ void find_stretch(float alpha)
         tangent = cross(n, abs(n.x) < 0.5 ? vec3(1.0, 0.0, 0.0) : vec3(0.0, 1.0, 0.0));
         bitangent = cross(n, tangent);
     }
-    along = normalize(normalize(tangent) * direction.x + normalize(bitangent) * direction.y);
+    along = normalize(tangent * direction.x + bitangent * direction.y);
     beside = normalize(cross(n, along));
     stretched = mix(alpha, 1.0, strength * strength);
+    stretched = sqrt(min(stretched * stretched + widening, 1.0));
 }
 
-float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, float alpha)
+float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, float narrow2)
 {
+    float alpha = sqrt(narrow2);
     float a2 = stretched * alpha;
     vec3 f = vec3(alpha * dot(along, h), stretched * dot(beside, h), a2 * nh);
     float w2 = a2 / dot(f, f);
@@ -156,7 +184,7 @@ float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, flo
 
 #ifdef USE_CLEARCOAT
 vec3 coat_normal;
-float coat_alpha;
+float coat_a2;
 vec3 coat = vec3(0.0);  // light that it reflects, but for its Fresnel term
 #endif
 
@@ -210,7 +238,7 @@ void light_layers(vec3 light, vec3 n, vec3 v, vec3 l)
     if (nl > 0.0) {
         float nv = max(abs(dot(coat_normal, v)), 1e-4);
         float nh = max(dot(coat_normal, normalize(l + v)), 0.0);
-        coat += light * nl * glossy(nh, nl, nv, coat_alpha);
+        coat += light * nl * glossy(nh, nl, nv, coat_a2);
     }
 #endif
 #ifdef USE_SHEEN
@@ -218,7 +246,7 @@ void light_layers(vec3 light, vec3 n, vec3 v, vec3 l)
 #endif
 }
 
-vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
+vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float a2)
 {
     float nl = dot(n, l);
     if (nl <= 0.0) return vec3(0.0);
@@ -227,9 +255,9 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float alpha)
     float nh = max(dot(n, h), 0.0);
     float grazing = pow(clamp(1.0 - dot(v, h), 0.0, 1.0), 5.0);
 #ifdef USE_ANISOTROPY
-    float lobe = stretched_glossy(h, l, v, nh, nl, nv, alpha);
+    float lobe = stretched_glossy(h, l, v, nh, nl, nv, a2);
 #else
-    float lobe = glossy(nh, nl, nv, alpha);
+    float lobe = glossy(nh, nl, nv, a2);
 #endif
     vec3 fresnel = mix(f0, vec3(f90), grazing);
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
@@ -303,10 +331,11 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 {
     vec3 n = shading_normal();
     vec3 v = -normalize(relative);
-    float alpha = max(roughness * roughness, 0.002);
+    float widening = normal_widening();
+    float a2 = widened(roughness, widening);
     vec3 sum = vec3(0.0);
 #ifdef USE_ANISOTROPY
-    find_stretch(alpha);
+    find_stretch(roughness, widening);
 #endif
 #ifdef USE_CLEARCOAT
     float coat_share = layers.x, coat_roughness = layers.y;
@@ -321,7 +350,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     coat_normal = tilted(coat_normal, clearcoat_normal_map, 9);
 #endif
     coat_normal = gl_FrontFacing ? coat_normal : -coat_normal;
-    coat_alpha = max(coat_roughness * coat_roughness, 0.002);
+    coat_a2 = widened(coat_roughness, widening);
     float coat_nv = clamp(abs(dot(coat_normal, v)), 0.0, 1.0);
     coat_share *= 0.04 + 0.96 * pow(1.0 - coat_nv, 5.0);
 #endif
@@ -339,7 +368,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #endif
     for (int i = 0; i < DIRECTIONAL_COUNT; ++i) {
         vec3 l = lamps[4 * i + 2].xyz;
-        sum += lamps[4 * i].rgb * reflected(n, v, l, base, metallic, alpha);
+        sum += lamps[4 * i].rgb * reflected(n, v, l, base, metallic, a2);
         light_layers(lamps[4 * i].rgb, n, v, l);
     }
     for (int i = DIRECTIONAL_COUNT; i < LAMP_COUNT; ++i) {
@@ -352,7 +381,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
         vec4 cone = lamps[4 * i + 3];
         float spot = clamp(dot(lamps[4 * i + 2].xyz, l) * cone.x + cone.y, 0.0, 1.0);
         vec3 light = lamps[4 * i].rgb * (window * spot * spot / distance_squared);
-        sum += light * reflected(n, v, l, base, metallic, alpha);
+        sum += light * reflected(n, v, l, base, metallic, a2);
         light_layers(light, n, v, l);
     }
 #ifdef USE_AMBIENT
@@ -362,15 +391,19 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #endif
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
-    vec3 ahead = mirrored_light(r, roughness, mix(from_around(r), around, roughness));
+    float wide = widened_roughness(roughness, widening);
+    vec3 ahead = mirrored_light(r, wide, mix(from_around(r), around, wide));
     vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
-    sum += occlusion * (around * base * ((1.0 - metallic) * (1.0 - through))
+    // As under lamps, what the dielectric mirrors is not scattered, alike for all colours.
+    vec3 kept = 1.0 - mirrored(vec3(max(f0.r, max(f0.g, f0.b))), f90, nv, roughness);
+    sum += occlusion * (around * base * max(kept, 0.0) * ((1.0 - metallic) * (1.0 - through))
                         + ahead * mirrored(color, mix(f90, 1.0, metallic), nv, roughness));
 #ifdef USE_CLEARCOAT
     vec3 coat_r = reflect(-v, coat_normal);
-    vec3 soft = mix(from_around(coat_r), from_around(coat_normal), coat_roughness);
-    coat += occlusion * mirrored_light(coat_r, coat_roughness, soft);
+    float coat_wide = widened_roughness(coat_roughness, widening);
+    vec3 soft = mix(from_around(coat_r), from_around(coat_normal), coat_wide);
+    coat += occlusion * mirrored_light(coat_r, coat_wide, soft);
 #endif
 #ifdef USE_SHEEN
     fuzz += occlusion * around * fuzz_share * fuzz_color;

@@ -17,8 +17,9 @@ centroid out vec3 relative;
 centroid out vec3 surface_normal;
 centroid out vec4 uv;
 centroid out vec4 tint;
-#ifdef USE_ANISOTROPY
 // At the centre after all: differences of centroids are no derivatives.
+out vec3 central_normal;
+#ifdef USE_ANISOTROPY
 out vec3 place;
 out vec4 chart;
 #endif
@@ -29,6 +30,7 @@ void main()
     surface_normal = normal;
     uv = texcoords;
     tint = vertex_color;
+    central_normal = normal;
 #ifdef USE_ANISOTROPY
     place = relative;
     chart = uv;
