@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support import shots
 from support.glb_builder import QUAD, GlbBuilder
-from support.quads import NORMALS, camera_at, material, quad, unlit
+from support.quads import NORMALS, camera_at, material, quad
 
 from nlens_video import Compositor
 from nlens_video.core.lens_fit import LensFit
@@ -133,9 +133,3 @@ def test_skin_whose_joints_carry_nothing_has_no_origin(tmp_path):
     mesh = builder.mesh(JOINTS_0=joints, WEIGHTS_0=weights, NORMAL=NORMALS)
     builder.node(mesh=mesh, skin=builder.skin([builder.node()], [np.eye(4)]))
     assert Scene.load(builder.write(tmp_path / "a.glb")).pose(0.0).origin is None
-
-
-def test_object_without_extent_is_left_as_it_is(tmp_path):
-    builder = GlbBuilder()
-    card = quad(builder, 0.0 * QUAD, unlit(builder))
-    assert loaded(builder, tmp_path, (9.0, 0.0, 0.0), [card]).pose(0.0).origin is None
