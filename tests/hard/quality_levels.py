@@ -25,7 +25,13 @@ from nlens_video.networks.onnx_networks import OnnxRepairNetwork
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
 from nlens_video.stages.l_depth_order import RepairDepthOrder
-from nlens_video.stages.l_lens_sampling import BlurCell, LensSetup, SampleLens
+from nlens_video.stages.l_lens_sampling import (
+    COVERAGE_DRAWS,
+    BlurCell,
+    LensSetup,
+    SampleLens,
+    shifted_cameras,
+)
 from nlens_video.stages.l_reblur import ReblurLayer, depth_peel, object_coc
 from nlens_video.stages.l_view_blend import SampleSmallDiscs
 
@@ -116,6 +122,17 @@ def sharp(scene: Scene, view: Camera | None = None) -> np.ndarray:
         layer = renderer.render(0.0, view or camera())
     box = layer.box.intersection(FRAME)
     return whole(BlurredLayer(box=box, rgba=layer.rgba[box.slices_in(layer.box)]))
+
+
+def drawn(quality: str, scene: Scene) -> np.ndarray:
+    """What a quality level blurs, on the whole frame (H, W, 4).
+
+    The sharp picture; that of `lens` is the mean of pictures that are shifted by parts of a pixel.
+    """
+    if quality != "lens":
+        return sharp(scene)
+    shifted = [sharp(scene, view) for view in shifted_cameras(camera(), COVERAGE_DRAWS)]
+    return np.mean(shifted, axis=0, dtype=np.float64).astype(np.float32)
 
 
 def through(
