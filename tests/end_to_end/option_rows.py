@@ -160,7 +160,10 @@ OBJECT = {
             "{{time = 0, turn = 90}}",
         ),
     ),
-    "interpolation": option("--interpolation", "linear", nonsense=("", "cubic")),
+    "interpolation": option(
+        "--interpolation", "linear", "--key", "{{time = 0, yaw = 10}}", nonsense=("", "cubic"),
+        placed=True,
+    ),
     "scene": option("--scene", "0", nonsense=("", "nosuch", "99", "-1"), codes=(2, 4)),
     "layers": option("--layers", "layers.exr", nonsense=(*NO_FILE, "in.png"), codes=(2, 3, 6)),
     "ground_y": option("--ground-y", "-0.1", nonsense=NOT_NUMBERS),
