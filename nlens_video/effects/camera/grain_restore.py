@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Int64, Picture
-from nlens_video.effects.camera.grain import GrainModel, regrain, to_linear
+from nlens_video.effects.camera.grain import GrainModel, to_linear
 
-_LEAST_LOSS = 0.05  # share of the light, below which the missing noise is not seen
-_FULL_LOSS = 0.1  # from which on it is added in full
+_LEAST_LOSS = 0.1  # share of the light, below which a twentieth of the noise is missing
+_FULL_LOSS = 0.2  # from which on it is added in full
 _STEP = 4  # the level of the light is read on pixels so many times larger
-_DARKEST = 1e-6  # light that is still multiplied [1]
+_DARKEST = np.float32(1e-6)  # light that is still multiplied [1]
 # a layer's colours to the share of the plate's light that it leaves: 1 - alpha + colour
 _LEFT = np.hstack([np.eye(4), np.ones((4, 1))]) - np.outer(np.ones(4), (0, 0, 0, 1, 0))
 
@@ -30,14 +30,12 @@ class _Darkened:
     Attributes:
         layer: that darkens the plate.
         box: where the arrays lie.
-        left: share of the light that is left, and 1 where noise is added, else 0 (h, w, 4).
         few_left: the share on coarse pixels (h', w', 3).
         few_share: of the missing noise that is added there (h', w', 1).
     """
 
     layer: BlurredLayer
     box: Box
-    left: Float32
     few_left: Float32
     few_share: Float32
 
@@ -73,15 +71,11 @@ class RestoreGrain:
         few = np.asarray(
             cv2.resize(plate, (columns, rows), interpolation=cv2.INTER_AREA), np.float32
         )
-        share: Float32 = at.few_share * missing_noise(few, at.few_left, self._deviation)
-        noise = self._model.unit_noise(at.box, index, self._draw)
-        noise *= cv2.resize(share, (at.box.width, at.box.height))
-        # arrays of four channels throughout: NumPy is slow on a part of them
-        lit = np.asarray(cv2.cvtColor(plate, cv2.COLOR_RGB2RGBA), np.float32)
-        dark = at.left * lit
-        added = regrain(dark, plate, noise, self._model.curve)
-        added -= dark
-        added /= np.maximum(lit, np.float32(_DARKEST))
+        amount = np.zeros((rows, columns, 4), np.float32)
+        amount[..., :3] = at.few_share * missing_noise(few, at.few_left, self._deviation)
+        # four channels throughout: NumPy is slow on a part of them
+        noise = cv2.cvtColor(self._model.unit_noise(at.box, index, self._draw), cv2.COLOR_RGB2RGBA)
+        added = cv2.multiply(noise, cv2.resize(amount, (at.box.width, at.box.height)))
         rgba = darkening.rgba.copy()
         rgba[at.box.slices_in(darkening.box)] += added
         return BlurredLayer(box=darkening.box, rgba=rgba)
@@ -103,7 +97,7 @@ def light_deviation(curve: Float32) -> Float32:
 
 
 def missing_noise(light: Float32, left: Float32, deviation: Float32) -> Float32:
-    """Share (h, w, 3) of the noise at the new level that a darkened plate misses, in deviations.
+    """Deviation (h, w, 3) of the noise that a darkened plate misses, as a share of its light.
 
     Args:
         light: of the plate, scene-linear (h, w, 3).
@@ -113,9 +107,9 @@ def missing_noise(light: Float32, left: Float32, deviation: Float32) -> Float32:
     flat = deviation.ravel()  # NumPy takes from one axis much faster
     held = left * flat.take(_places(light))
     wanted = flat.take(_places(left * light))
-    ratio = np.divide(held, wanted, out=np.ones_like(held), where=wanted > 0.0)
-    missing = np.maximum(np.float32(1.0) - ratio * ratio, np.float32(0.0))
-    return np.asarray(np.sqrt(missing), np.float32)
+    missing = np.sqrt(np.maximum(wanted * wanted - held * held, np.float32(0.0)))
+    # noise is no larger than the light
+    return np.asarray(np.minimum(missing / np.maximum(light, _DARKEST), 1.0), np.float32)
 
 
 def _places(light: Float32) -> Int64:
@@ -131,14 +125,13 @@ def _darkened(darkening: BlurredLayer) -> _Darkened:
     box = Box(x, y, x + width, y + height).moved(darkening.box.x0, darkening.box.y0)
     if box.empty:
         nothing = np.zeros((0, 0, 4), np.float32)
-        return _Darkened(darkening, box, nothing, nothing[..., :3], nothing[..., :1])
+        return _Darkened(darkening, box, nothing[..., :3], nothing[..., :1])
     inside = box.slices_in(darkening.box)
     left = np.asarray(cv2.transform(darkening.rgba[inside], _LEFT), np.float32)
     share = np.clip((loss[inside] - _LEAST_LOSS) / (_FULL_LOSS - _LEAST_LOSS), 0.0, 1.0)
-    left[..., 3] = share > 0.0
     few = -(-width // _STEP), -(-height // _STEP)
     few_left, few_share = (
         np.asarray(cv2.resize(values, few, interpolation=cv2.INTER_AREA), np.float32)
         for values in (left, share)
     )
-    return _Darkened(darkening, box, left, few_left[..., :3], few_share[..., None])
+    return _Darkened(darkening, box, few_left[..., :3], few_share[..., None])
