@@ -216,7 +216,7 @@ def _check_order(specs: tuple[NodeSpec, ...], path: Path) -> None:
 _LATE = ("crop-sharp",)
 """Nodes that now stand behind their alternatives: the first that can run does."""
 _BEFORE = {"composite-shadow": "blur-shadow", "composite-reflection": "blur-reflection"}
-"""Nodes that did themselves what another before them does."""
+"""Nodes with the one whose result they take, which files of the former form do not list."""
 
 
 def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
