@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support import marker_plates as plates
 from support import shots
+from support.clips import REPEATABLE
 from support.command import nlens, one_line
 from support.folders import ROOT
 
@@ -27,7 +28,8 @@ def files(tmp_path_factory):
     seen = plates.plate(MARKERS, CAMERA, FOV)
     cv2.imwrite(str(folder / "still.png"), seen)
     with av.open(str(folder / "still.mp4"), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"crf": "20"})
+        options = {"crf": "20", **REPEATABLE["libx264"]}
+        stream = container.add_stream("libx264", rate=25, options=options)
         stream.width, stream.height, stream.pix_fmt = 960, 512, "yuv420p"
         for seed in range(4):
             noise = np.random.default_rng(seed).normal(0.0, 2.0, seen.shape)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from support import shots
+from support.clips import REPEATABLE
 from support.command import nlens
 
 from nlens_video.scene.scene import Scene
@@ -208,7 +209,8 @@ def walked(files):
     plate = shots.plate()
     for name, foot in (("before", 225), ("behind", 108)):
         with av.open(str(files / f"{name}.mp4"), "w") as container:
-            stream = container.add_stream("libx264", rate=25, options={"crf": "18"})
+            options = {"crf": "18", **REPEATABLE["libx264"]}
+            stream = container.add_stream("libx264", rate=25, options=options)
             stream.width, stream.height, stream.pix_fmt = shots.WIDTH, shots.HEIGHT, "yuv420p"
             for number in range(24):
                 rgb, left = plate.copy(), 10 + 18 * number

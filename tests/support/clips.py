@@ -8,6 +8,8 @@ import numpy as np
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
 
+REPEATABLE = {"libx264": {"x264-params": "cpu-independent=1"}}
+"""Options with which encoders give the same packets in each run, as `encoders.py` sets them."""
 VFR = (0, 1000, 1467, 4000, 4001, 9013, 9500)
 
 
@@ -43,7 +45,7 @@ def write_clip(
     """Encode frames with given pts; optionally AAC or another codec, and a display matrix."""
     pts = [index * 640 for index in range(len(frames))] if pts is None else pts
     with av.open(str(path), "w", format=format_) as out:
-        stream = out.add_stream(codec, 25, options or {})
+        stream = out.add_stream(codec, 25, REPEATABLE.get(codec, {}) | (options or {}))
         stream.width, stream.height = frames[0].width, frames[0].height
         stream.pix_fmt = frames[0].format.name
         stream.time_base = stream.codec_context.time_base = time_base

@@ -9,6 +9,7 @@ import av
 import cv2
 import numpy as np
 from support.camera_paths import focal_of, rotation
+from support.clips import REPEATABLE
 from support.truth_folder import HEIGHT, INTERCEPT, SLOPE, WIDTH, YFOV, camera, write_plate
 
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
@@ -45,7 +46,8 @@ def write_pan(folder: Path) -> Path:
     ground = np.array([[8 / 1536, 0, -4], [0, 0, 0], [0, -8 / 1536, -0.3]])
     frames = []
     with av.open(str(folder / "bg.mp4"), "w") as container:
-        stream = container.add_stream("libx264", rate=24, options={"crf": "12"})
+        options = {"crf": "12", **REPEATABLE["libx264"]}
+        stream = container.add_stream("libx264", rate=24, options=options)
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         for number in range(PAN_FRAMES):
             turn = rotation(np.radians(4 - number), np.radians(-24), 0.0)

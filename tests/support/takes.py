@@ -6,6 +6,7 @@ import av
 import cv2
 import numpy as np
 from av.video.reformatter import Interpolation
+from support.clips import REPEATABLE
 
 WIDTH, HEIGHT, FRAMES, RATE = 320, 192, 24, 25
 
@@ -60,7 +61,7 @@ def encode(
         stream = out.add_stream(codec, rate=RATE)
         (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
         if codec == "libx264":
-            stream.options = {"crf": str(crf), "preset": "veryfast"}
+            stream.options = {"crf": str(crf), "preset": "veryfast", **REPEATABLE[codec]}
         stream.codec_context.time_base = Fraction(1, 1000)
         sound = out.add_stream("aac", rate=48000, layout="mono") if audio else None
         if sound is not None:

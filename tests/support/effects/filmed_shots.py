@@ -11,6 +11,7 @@ import av
 import cv2
 import numpy as np
 import scipy.fft
+from support.clips import REPEATABLE
 
 from nlens_video.video.pixels.picture import AvPicture
 
@@ -272,7 +273,7 @@ def decoded(shots, crf):
     with av.open(memory, "w", format="matroska") as container:
         stream = container.add_stream("libx264", rate=25)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
-        stream.options = {"crf": str(crf), "preset": "medium"}
+        stream.options = {"crf": str(crf), "preset": "medium", **REPEATABLE["libx264"]}
         context = stream.codec_context
         context.colorspace, context.color_range = 1, 1
         context.color_trc, context.color_primaries = 1, 1
