@@ -134,8 +134,9 @@ def compare(
         raise UsageError(f"--range {begin}:{end or ''}: {plate.spec} has no such frames")
     tracks = objects_among(measures, objects)
     found = judge_frames(measures)
+    noise = float(np.median(measures.noise)) if measures.noise else 0.0
     for track in tracks:
-        found += judge_object(track)
+        found += judge_object(track, noise)
     found += judge_plate(measures, tracks)
     found += judge_drift(measures.drift)
     found += judge_sound(sound, max(0, len(codecs[0]) - len(codecs[1])))
@@ -149,7 +150,7 @@ def compare(
         frames=counts,
         object_frames=len({index for track in tracks for index in track.frames}),
         measures={
-            "encoding_level": float(np.median(measures.noise)) if measures.noise else 0.0,
+            "encoding_level": noise,
             "worst_time_ms": 1e3 * measures.worst_late_s,
             **({} if measures.drift.rms_px is None else {"drift_px": measures.drift.rms_px}),
             "sharpness_bend": bends[0],

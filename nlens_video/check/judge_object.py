@@ -25,7 +25,9 @@ _STEP = 0.08  # limit of a lasting change within one frame, as a share [1]
 _POP = 0.15  # limit of a jump on a single frame, as a share [1]
 _FLICKER = 0.015  # limit of the amplitude of flicker, as a share [1]
 _SMALL = 0.13  # the same limit times the root of the number of blocks, for small objects
+_SMALL_BY_NOISE = 0.08  # that one for each level of noise: blocks at the outline vary with it
 _JUMP_PX, _JITTER_PX = 0.75, 0.4  # limits of a place on a single frame, and of its amplitude [px]
+_FINE = 1.0  # noise of encoding up to which these limits hold; they grow with it [level]
 _STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
 _DARK = 8.0  # added to light, so that noise in the dark is no change [level]
 _COLOURS = ("red", "green", "blue")
@@ -46,8 +48,13 @@ class _Series:
     error: Float64 | float = 0.0
 
 
-def judge_object(track: Track) -> list[Finding]:
-    """Jumps, flicker and freezes of one object, but for frames on which something passes it."""
+def judge_object(track: Track, noise: float) -> list[Finding]:
+    """Jumps, flicker and freezes of one object, but for frames on which something passes it.
+
+    Args:
+        track: of the object.
+        noise: median difference of a block that is due to encoding [level].
+    """
     frames = np.array(track.frames, np.int64)
     span = np.arange(frames[0], frames[-1] + 1)
     found = [
@@ -55,9 +62,10 @@ def judge_object(track: Track) -> list[Finding]:
         for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
         if not _beside(track.disturbed, *gap)
     ]
-    # an object of few blocks varies more
+    # an object of few blocks varies more, and one that is coarsely encoded
     blocks = max(float(np.median(np.array(track.area))), 1.0)
-    limit = max(_FLICKER, _SMALL / float(np.sqrt(blocks)))
+    limit = max(_FLICKER, max(_SMALL, _SMALL_BY_NOISE * noise) / float(np.sqrt(blocks)))
+    coarse = max(1.0, noise / _FINE)
     for name, series in _series(track, span).items():
         found += _judge_share(name, series, span, limit)
     lights = zip(_COLOURS, _lights(track, span), strict=True)
@@ -70,7 +78,7 @@ def judge_object(track: Track) -> list[Finding]:
         [
             one
             for bend in _places(track, span)
-            for one in _judge_place(bend, span)
+            for one in _judge_place(bend, span, coarse)
             if one.frame not in frozen  # which leaves its way for this frame
         ]
     )
@@ -119,15 +127,16 @@ def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _judge_place(bend: Float64, span: Frames) -> list[Finding]:
-    """Jumps and jitter of the place along one axis."""
+def _judge_place(bend: Float64, span: Frames, coarse: float) -> list[Finding]:
+    """Jumps and jitter of the place along one axis; the limits are `coarse` times the usual."""
+    jitter_px, jump_px = coarse * _JITTER_PX, coarse * _JUMP_PX
     found = []
-    for first, last, amplitude in flicker(bend, _JITTER_PX):
-        words = f"the object goes to and fro by {amplitude:.1f} px (limit {_JITTER_PX:g} px)"
+    for first, last, amplitude in flicker(bend, jitter_px):
+        words = f"the object goes to and fro by {amplitude:.1f} px (limit {jitter_px:.2g} px)"
         found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
-    for place, jump in outliers(bend, _JUMP_PX):
+    for place, jump in outliers(bend, jump_px):
         index = int(span[place])
-        words = f"the object lies {abs(jump):.1f} px off its way (limit {_JUMP_PX:g} px)"
+        words = f"the object lies {abs(jump):.1f} px off its way (limit {jump_px:.2g} px)"
         found.append(at("pop", (index, index), jump, words))
     return found
 

@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from zlib import crc32
 
+import cv2
 import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
@@ -150,7 +151,9 @@ def _append(
 ) -> None:
     weight = _weight(track.mask, difference)
     area = float(weight.sum())
-    track.area.append(area)
+    # with the blocks beside it: those in which little is covered come and go by encoding
+    beside = cv2.dilate(track.mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    track.area.append(float(_weight(beside, difference).sum()))
     detail = result.detail / np.float32(gain)
     inside = float((weight * detail).sum()) / max(area, 1e-6)
     track.sharpness.append(float(np.log(_FLAT + inside)))

@@ -92,7 +92,7 @@ NATURAL = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("crf", [None, 18, 28])
+@pytest.mark.parametrize("crf", [None, 18, 28, 32])
 @pytest.mark.parametrize("motion", NATURAL)
 def test_natural_motion_is_not_reported(checked, motion, crf):
     name, options = ("out.mkv", {}) if crf is None else ("out.mp4", {"crf": crf})

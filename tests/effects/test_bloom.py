@@ -1,5 +1,7 @@
 """Bloom: halos around the object's highlights."""
 
+import re
+
 import numpy as np
 import pytest
 from support.effects.filmed_shots import Camera, filmed, lamps
@@ -124,4 +126,5 @@ def test_soft_borders_of_lamps_that_are_out_of_focus_are_no_halo():
     pictures = filmed(lambda: lamps(109, count=2, blur=9.2), Camera(noise=0.008, crf=24), 3)
     found = measure(pictures)
     assert not found.called_for
-    assert "0.8 times as strong as what else is there" in found.evidence
+    (contrast,) = re.findall(r"(\S+) times as strong as what else is there", found.evidence)
+    assert float(contrast) < 1.0  # and nothing but that speaks against it
