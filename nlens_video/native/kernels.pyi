@@ -182,6 +182,15 @@ def regrain(
     lights: Float32,
     /,
 ) -> None: ...
+def restore_grain(
+    rgba: Float32,
+    plate: Float32,
+    noise: Float32,
+    deviation: Float32,
+    least_loss: float,
+    full_loss: float,
+    /,
+) -> None: ...
 def white_noise(
     out: Float32, corner: tuple[int, int], moment: int, seed: int, scale: float, /
 ) -> None: ...

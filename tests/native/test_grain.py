@@ -42,6 +42,20 @@ def test_grain_on_a_layer_is_the_same_at_every_level():
     assert_same_bits(run)
 
 
+def test_grain_of_a_darkened_plate_is_the_same_at_every_level():
+    rng = np.random.default_rng(1)
+    rgba = rng.choice([0.0, 0.13, 0.9], (30, 41, 1)) * rng.uniform(0, 1, (30, 41, 4))
+    plate, noise = rng.random((30, 41, 3), np.float32), rng.normal(size=(30, 41, 3))
+    deviation = rng.uniform(0.01, 0.1, (3, 256)).astype(np.float32)
+
+    def run(module):
+        out = rgba.astype(np.float32)
+        module.restore_grain(out, plate, noise.astype(np.float32), deviation, 0.1, 0.2)
+        return [out]
+
+    assert_same_bits(run)
+
+
 def test_light_that_is_no_number_stays_so_and_takes_nothing_else_along():
     rgba = np.full((1, 3, 4), 0.5, np.float32)
     rgba[0, 1, :3] = np.nan

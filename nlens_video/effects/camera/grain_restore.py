@@ -7,37 +7,17 @@ independent of it, of the variance n(s L)^2 - (s n(L))^2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Box, Float32, Int64, Picture
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 from nlens_video.effects.camera.grain import GrainModel, to_linear
+from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
+from nlens_video.native import kernels
 
 _LEAST_LOSS = 0.1  # share of the light, below which a twentieth of the noise is missing
 _FULL_LOSS = 0.2  # from which on it is added in full
-_STEP = 4  # the level of the light is read on pixels so many times larger
-_DARKEST = np.float32(1e-6)  # light that is still multiplied [1]
-# a layer's colours to the share of the plate's light that it leaves: 1 - alpha + colour
-_LEFT = np.hstack([np.eye(4), np.ones((4, 1))]) - np.outer(np.ones(4), (0, 0, 0, 1, 0))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Darkened:
-    """Where a layer takes so much light that its noise is missed.
-
-    Attributes:
-        layer: that darkens the plate.
-        box: where the arrays lie.
-        few_left: the share on coarse pixels (h', w', 3).
-        few_share: of the missing noise that is added there (h', w', 1).
-    """
-
-    layer: BlurredLayer
-    box: Box
-    few_left: Float32
-    few_share: Float32
+_DARKEST = 1e-6  # light that is still multiplied, as in the kernel [1]
 
 
 class RestoreGrain:
@@ -51,7 +31,7 @@ class RestoreGrain:
     def __init__(self, model: GrainModel, draw: int) -> None:
         self._model, self._draw = model, draw
         self._deviation = light_deviation(model.curve)
-        self._last: _Darkened | None = None  # reused while the shadow rests
+        self._last: tuple[BlurredLayer, Box] | None = None  # reused while the shadow rests
 
     def __call__(self, picture: Picture, darkening: BlurredLayer, index: int) -> BlurredLayer:
         """Grain one frame.
@@ -61,28 +41,20 @@ class RestoreGrain:
             darkening: layer whose colours are multiples of the plate's light.
             index: of the frame, which the noise depends on.
         """
-        if self._last is None or self._last.layer is not darkening:
-            self._last = _darkened(darkening)
-        at = self._last
-        if at.box.empty:
+        if self._last is None or self._last[0] is not darkening:
+            self._last = darkening, _dark_box(darkening)
+        box = self._last[1]
+        if box.empty:
             return darkening
-        plate = picture.linear(at.box)
-        rows, columns = at.few_left.shape[:2]
-        few = np.asarray(
-            cv2.resize(plate, (columns, rows), interpolation=cv2.INTER_AREA), np.float32
-        )
-        amount = np.zeros((rows, columns, 4), np.float32)
-        amount[..., :3] = at.few_share * missing_noise(few, at.few_left, self._deviation)
-        # four channels throughout: NumPy is slow on a part of them
-        noise = cv2.cvtColor(self._model.unit_noise(at.box, index, self._draw), cv2.COLOR_RGB2RGBA)
-        added = cv2.multiply(noise, cv2.resize(amount, (at.box.width, at.box.height)))
         rgba = darkening.rgba.copy()
-        rgba[at.box.slices_in(darkening.box)] += added
+        part = rgba[box.slices_in(darkening.box)]
+        noise = self._model.unit_noise(box, index, self._draw)
+        part[:] = restore_grain(part, picture.linear(box), noise, self._deviation)
         return BlurredLayer(box=darkening.box, rgba=rgba)
 
 
 def light_deviation(curve: Float32) -> Float32:
-    """Deviation of scene-linear light (256, 3) at even steps of its root.
+    """Deviation of scene-linear light (3, 256) at even steps of its root.
 
     Args:
         curve: deviation at 256 levels of sRGB code from black to white (256, 3) [sRGB code].
@@ -91,47 +63,56 @@ def light_deviation(curve: Float32) -> Float32:
     light = to_linear(codes.astype(np.float32)).astype(np.float64)
     in_light = curve * np.gradient(light, codes)[:, None]
     roots = np.sqrt(light)
-    return np.stack([np.interp(codes, roots, in_light[:, c]) for c in range(3)], axis=1).astype(
-        np.float32
-    )
+    return np.stack([np.interp(codes, roots, in_light[:, c]) for c in range(3)]).astype(np.float32)
 
 
-def missing_noise(light: Float32, left: Float32, deviation: Float32) -> Float32:
-    """Deviation (h, w, 3) of the noise that a darkened plate misses, as a share of its light.
+def restore_grain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
+    """Add the noise that a darkened plate misses.
 
     Args:
-        light: of the plate, scene-linear (h, w, 3).
-        left: share of it that is left, in [0, 1] (h, w, 3).
+        rgba: layer whose colours are multiples of the plate's light (h, w, 4).
+        plate: scene-linear light below it (h, w, 3).
+        noise: of unit deviation (h, w, 3).
         deviation: as `light_deviation` gives it.
+
+    Returns:
+        The layer with that noise (h, w, 4), as a share of the light and no larger than it. It sets
+        in where a tenth of the light is lost, and is whole where a fifth is.
     """
-    flat = deviation.ravel()  # NumPy takes from one axis much faster
-    held = left * flat.take(_places(light))
-    wanted = flat.take(_places(left * light))
-    missing = np.sqrt(np.maximum(wanted * wanted - held * held, np.float32(0.0)))
-    # noise is no larger than the light
-    return np.asarray(np.minimum(missing / np.maximum(light, _DARKEST), 1.0), np.float32)
+    out = np.array(rgba, np.float32, order="C")
+    plate, noise = np.ascontiguousarray(plate), np.ascontiguousarray(noise)
+
+    def add(band: Band) -> None:
+        part = slice(*band)
+        kernels.restore_grain(
+            out[part], plate[part], noise[part], deviation, _LEAST_LOSS, _FULL_LOSS
+        )
+
+    parallel_for(add, picture_bands(*out.shape[:2]))
+    return out
 
 
-def _places(light: Float32) -> Int64:
-    """Flat places in a table (256, 3) of the nearest of 256 even steps of the root of light."""
-    root = np.sqrt(np.minimum(np.maximum(light, np.float32(0.0)), np.float32(1.0)))
-    steps = (np.float32(255.0) * root + np.float32(0.5)).astype(np.int64)
-    return steps * 3 + np.arange(3)
+def restore_grain_reference(
+    rgba: Float32, plate: Float32, noise: Float32, deviation: Float32
+) -> Float32:
+    """NumPy reference of `restore_grain`."""
+    levels = np.linspace(0.0, 1.0, deviation.shape[1])
+
+    def spread(light: Float32) -> Float32:
+        roots = np.sqrt(np.clip(light, 0.0, 1.0))
+        return np.stack([np.interp(roots[..., c], levels, deviation[c]) for c in range(3)], axis=2)
+
+    loss, light = rgba[..., 3:], np.clip(plate, 0.0, 1.0)
+    left = 1.0 - loss + rgba[..., :3]
+    held, wanted = left * spread(light), spread(left * light)
+    missing = np.sqrt(np.maximum(wanted * wanted - held * held, 0.0))
+    share = np.clip((loss - _LEAST_LOSS) / (_FULL_LOSS - _LEAST_LOSS), 0.0, 1.0)
+    added = share * np.minimum(missing / np.maximum(light, _DARKEST), 1.0) * noise
+    return np.concatenate([rgba[..., :3] + added, loss], axis=2).astype(np.float32)
 
 
-def _darkened(darkening: BlurredLayer) -> _Darkened:
+def _dark_box(darkening: BlurredLayer) -> Box:
+    """Where the layer takes so much light that noise is missed."""
     loss = cv2.extractChannel(darkening.rgba, 3)
-    x, y, width, height = cv2.boundingRect((loss > _LEAST_LOSS).astype(np.uint8))
-    box = Box(x, y, x + width, y + height).moved(darkening.box.x0, darkening.box.y0)
-    if box.empty:
-        nothing = np.zeros((0, 0, 4), np.float32)
-        return _Darkened(darkening, box, nothing[..., :3], nothing[..., :1])
-    inside = box.slices_in(darkening.box)
-    left = np.asarray(cv2.transform(darkening.rgba[inside], _LEFT), np.float32)
-    share = np.clip((loss[inside] - _LEAST_LOSS) / (_FULL_LOSS - _LEAST_LOSS), 0.0, 1.0)
-    few = -(-width // _STEP), -(-height // _STEP)
-    few_left, few_share = (
-        np.asarray(cv2.resize(values, few, interpolation=cv2.INTER_AREA), np.float32)
-        for values in (left, share)
-    )
-    return _Darkened(darkening, box, few_left[..., :3], few_share[..., None])
+    x, y, width, height = cv2.boundingRect(cv2.compare(loss, _LEAST_LOSS, cv2.CMP_GT))
+    return Box(x, y, x + width, y + height).moved(darkening.box.x0, darkening.box.y0)

@@ -1,4 +1,4 @@
-// White noise, and noise added to a layer: `effects/camera/grain.py`.
+// White noise, and noise added to a layer: `effects/camera/grain.py` and `grain_restore.py`.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -44,11 +44,11 @@ void find_change(Channel& channel, int count, const float* __restrict levels, Ar
     }
 }
 
-// The first pixel of a row that has alpha, and the one past the last.
-std::tuple<int, int> drawn_ends(const float* row, int width) {
+// The first pixel of a row that has more alpha than the least, and the one past the last.
+std::tuple<int, int> drawn_ends(const float* row, int width, float least) {
     int first = 0, end = width;
-    while (first < width && !(row[4 * first + 3] > 0.0f)) ++first;
-    while (end > first && !(row[4 * end - 1] > 0.0f)) --end;
+    while (first < width && !(row[4 * first + 3] > least)) ++first;
+    while (end > first && !(row[4 * end - 1] > least)) --end;
     return {first, end};
 }
 
@@ -57,7 +57,7 @@ void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const floa
     Channel channel(rgba.shape[1]);
     float *own = channel.own.data(), *missing = channel.missing.data(), *added = channel.noise.data();
     for (int y = 0; y < rgba.shape[0]; ++y) {
-        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1]);
+        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1], 0.0f);
         const int count = end - first;
         float* row = rgba.at(y, first);
         const float *behind = plate.at(y, first), *given = noise.at(y, first);
@@ -74,6 +74,49 @@ void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const floa
             find_change(channel, count, deviation.data + c, codes, lights);
             const float* change = channel.change.data();
             for (int x = 0; x < count; ++x) row[4 * x + c] += row[4 * x + 3] > 0.0f ? change[x] : 0.0f;
+        }
+    }
+}
+
+// Finds the noise of a row that a darkened plate misses, as a share of its light. `channel`: the light
+// in `own`, the share of it that is left in `missing`. `levels`: deviation at even steps of its root.
+void find_missing(Channel& channel, int count, const float* __restrict levels, int last) {
+    const float* __restrict own = channel.own.data(), * __restrict left = channel.missing.data();
+    const float* __restrict noise = channel.noise.data();
+    float* __restrict change = channel.change.data();
+    for (int x = 0; x < count; ++x) {
+        const float light = own[x] > 0.0f ? (own[x] < 1.0f ? own[x] : 1.0f) : 0.0f;
+        const float dark = left[x] > 0.0f ? std::min(left[x] * light, 1.0f) : 0.0f;
+        const float held = left[x] * look_up(levels, last, std::sqrt(light));
+        const float wanted = look_up(levels, last, std::sqrt(dark));
+        const float lacks = std::sqrt(std::max(wanted * wanted - held * held, 0.0f));
+        // noise is no larger than the light
+        change[x] = std::min(lacks / std::max(light, 1e-6f), 1.0f) * noise[x];
+    }
+}
+
+void restore_grain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
+                   Array<const float, 2> deviation, float least_loss, float full_loss) {
+    Channel channel(rgba.shape[1]);
+    float *own = channel.own.data(), *left = channel.missing.data(), *given = channel.noise.data();
+    const float slope = 1.0f / (full_loss - least_loss);
+    for (int y = 0; y < rgba.shape[0]; ++y) {
+        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1], least_loss);
+        const int count = end - first;
+        float* row = rgba.at(y, first);
+        const float *behind = plate.at(y, first), *drawn = noise.at(y, first);
+        for (int c = 0; c < 3; ++c) {
+            for (int x = 0; x < count; ++x) {
+                own[x] = behind[3 * x + c];
+                left[x] = 1.0f - row[4 * x + 3] + row[4 * x + c];
+                given[x] = drawn[3 * x + c];
+            }
+            find_missing(channel, count, deviation.at(c), deviation.shape[1] - 2);
+            const float* change = channel.change.data();
+            for (int x = 0; x < count; ++x) {
+                const float share = std::min((row[4 * x + 3] - least_loss) * slope, 1.0f);
+                row[4 * x + c] += share > 0.0f ? share * change[x] : 0.0f;
+            }
         }
     }
 }
@@ -130,6 +173,7 @@ void add_tiles(Array<float, 3> out, Array<const float, 3> tile, Array<const std:
 
 void bind_grain(nanobind::module_& module) {
     module.def("regrain", &regrain, Unlocked());
+    module.def("restore_grain", &restore_grain, Unlocked());
     module.def("white_noise", &white_noise, Unlocked());
     module.def("add_tiles", &add_tiles, Unlocked());
 }

@@ -45,6 +45,7 @@ from nlens_video.effects.camera.grain import (
     white_noise,
     white_noise_reference,
 )
+from nlens_video.effects.camera.grain_restore import restore_grain, restore_grain_reference
 from nlens_video.effects.shadow.bounce import gather_patches_reference
 from nlens_video.effects.shadow.coverage import covered_reference
 from nlens_video.effects.shadow.shadow_maps import blocked
@@ -111,6 +112,7 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "change of exposure": "effects/exposure",
     "compositing": "video/pixels/blend",
     "grain on a layer": "effects/camera/grain",
+    "grain of a darkened plate": "effects/camera/grain_restore",
     "tiles of noise": "effects/camera/grain",
     "white noise": "effects/camera/grain",
     "CoC of a depth": "",
@@ -411,6 +413,11 @@ def _light() -> dict[str, tuple[float, float]]:
     singles = [v.astype(np.float32) for v in (layer, plate, noise, deviation)]
     exact = regrain_reference(*(v.astype(np.float64) for v in singles))
     made["grain on a layer"] = (np.abs(regrain(*singles) - exact).max(), 1e-5)
+    darkening = np.concatenate([0.2 * layer[..., :3], layer[..., 3:]], axis=2)
+    curve = rng.uniform(0.01, 0.03, (3, 256))
+    singles = [v.astype(np.float32) for v in (darkening, plate, noise, curve)]
+    exact = restore_grain_reference(*(v.astype(np.float64) for v in singles))
+    made["grain of a darkened plate"] = (np.abs(restore_grain(*singles) - exact).max(), 1e-4)
     away = white_noise((3, 5), (20, 24), 7, 11) - white_noise_reference((3, 5), (20, 24), 7, 11)
     made["white noise"] = (np.abs(away).max(), 1e-5)
     tile, on = rng.normal(size=(16, 16, 3)).astype(np.float32), Box(-5, 3, 35, 40)
