@@ -256,17 +256,10 @@ def plan_rows(session: Session) -> Iterator[PlanRow]:
 
 
 def _short_rows(session: Session) -> Iterator[PlanRow]:
-    """The effects that are on, the names of the nodes, and the backends of the main ones."""
+    """The effects, the names of the nodes, and the backends of the main ones."""
     graph = session.graph
     yield from _pipeline_rows(session)
-    off = []
-    for decision in session.decisions:
-        if decision.wanted:
-            yield _effect_row(decision)
-        else:
-            off.append(decision.effect)
-    if off:
-        yield PlanRow("effects off", ", ".join(off))
+    yield from map(_effect_row, session.decisions)
     for node in graph.nodes:
         if node.name in _WITH_BACKEND:
             yield PlanRow(f"node {node.name}", node.description)
@@ -274,7 +267,7 @@ def _short_rows(session: Session) -> Iterator[PlanRow]:
         names = ", ".join(node.name for node in graph.nodes if node.lane == lane)
         yield PlanRow(f"lane {lane}", names)
     left_out = len(graph.left_out)
-    if left_out or off:
+    if left_out:
         yield PlanRow(
             "left out", f"{left_out} nodes that nothing calls for (-v gives every reason)"
         )

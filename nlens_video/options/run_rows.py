@@ -73,7 +73,7 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("--effects", RUN, "E", default="auto", feeds="run.effects", parameter=True,
                often=True,
                help="auto, all, none, names, or auto,+shadow,-grain; "
-               "reasons by --plan -v"),
+               "reasons by --plan"),
         Option("--shutter-angle --shutter", RUN, "D",
                read.between(0, 360, "an angle from 0 to 360 degrees"),
                "shutter angle in degrees, 0 to 360 (default: measured from the plate, else 180)",
