@@ -173,7 +173,7 @@ def test_run_under_nohup_survives_the_terminal(files, tmp_path):
     assert (tmp_path / "out.mp4").is_file()
 
 
-def test_summary_lists_disabled_effects_in_one_line_and_the_plan_gives_their_reasons(files, tmp_path):
+def test_summary_lists_disabled_effects_in_one_line_and_the_plan_says_why(files, tmp_path):
     command = (files / "in.mp4", files / "anim.glb", tmp_path / "out.mp4", "--fit",
                files / "fit.json", "--preset", "draft", "-y")  # fmt: skip
     short, long = nlens(*command), nlens(*command, "-v")
