@@ -13,6 +13,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.kernels.thread_pool import processors
 from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
+from nlens_video.video.input.last_frames import Delivery, frames_after
 from nlens_video.video.input.late_fields import LateFields
 from nlens_video.video.input.open import (
     DECODER,
@@ -89,6 +90,7 @@ class AvSource(Source):
 
     def __init__(self, spec: str, hints: InputHints, *, sparse: bool = False) -> None:
         self.hints = hints
+        self._spec = spec
         self._passed = PassedPackets()
         self._damage = Damage()
         self._covers: dict[int, bytes] = {}
@@ -101,6 +103,7 @@ class AvSource(Source):
             self._copied = copied_streams(self._container, stream, kind)
             self._completeness = Completeness(self._container, (stream, *self._copied))
             self._is_file = kind == "video"
+            self._readable_again = not sparse and kind in ("video", "sequence")
             self._decoder = decoder_of(stream)
             self._decoder.thread_type = "AUTO"
             if sparse:
@@ -194,32 +197,51 @@ class AvSource(Source):
 
     def _decode(self) -> Generator[av.VideoFrame, None, None]:
         """The frames of the video stream; packets of the others go to `packet_sink`."""
+        delivery = Delivery()
+        failed = yield from self._decode_packets(delivery)
+        if failed < MOST_UNDECODABLE and self._readable_again and not delivery.complete:
+            self._damage.count -= failed  # they are found again
+            for frame in frames_after(self._spec, self.hints, delivery.shown, self._damage.add):
+                self._damage.see(frame)
+                yield frame
+
+    def _decode_packets(self, delivery: Delivery) -> Generator[av.VideoFrame, None, int]:
+        """The frames as the decoder gives them; returns the failures since the last."""
         failed = 0
         for packet in self._packets():
             if packet is not None and packet.stream is not self._stream:
-                if is_cover(packet.stream):
-                    self._covers.setdefault(packet.stream.index, bytes(packet))
-                elif packet.dts is not None and packet.stream in self._copied:
-                    self._passed.add(packet)
-                    if self._started:
-                        self._pass_on()
+                self._pass(packet)
                 continue
             if packet is not None:
                 self._passed.see(packet)
                 self._damage.read(packet)
+                delivery.send(packet)
             try:
                 frames = self._decoder.decode(packet)
             except av.FFmpegError:
+                if self._readable_again and (packet is None or packet.size == 0):
+                    continue  # the last frames are decoded anew
                 self._damage.add()
                 failed += 1
                 if failed == MOST_UNDECODABLE:
                     self._ended_early = (f"given up after {failed} undecodable packets in a row",)
-                    return
+                    break
                 continue
             for frame in frames:
                 failed = 0
+                delivery.show(frame)
                 self._damage.see(frame)
                 yield frame
+        return failed
+
+    def _pass(self, packet: Packet) -> None:
+        """Take a packet of another stream."""
+        if is_cover(packet.stream):
+            self._covers.setdefault(packet.stream.index, bytes(packet))
+        elif packet.dts is not None and packet.stream in self._copied:
+            self._passed.add(packet)
+            if self._started:
+                self._pass_on()
 
     def _packets(self) -> Iterator[Packet | None]:
         """Packets in the source's order, past read errors; the last one flushes the decoder."""

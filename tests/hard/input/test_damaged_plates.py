@@ -83,18 +83,28 @@ def test_corrupted_packets_do_not_shift_the_times_of_others(tmp_path, codec, amo
     assert plate.warnings() or not follows
 
 
-def test_lost_pictures_leave_a_gap_in_times_and_numbers(tmp_path):
-    clip = clip_of(tmp_path / "in.mov", 20, codec="png")
-    data = bytearray(clip.read_bytes())
+def damaged_clip(folder, count, *lost):
+    """Pictures each for itself, some of them destroyed."""
+    data = bytearray(clip_of(folder / "in.mov", count, codec="png").read_bytes())
     starts = [at for at in range(len(data)) if data[at : at + 4] == b"\x89PNG"]
-    for lost in (4, 5, 11):
-        data[starts[lost] : starts[lost] + 40] = bytes(40)
-    (tmp_path / "bad.mov").write_bytes(data)
-    with open_source(str(tmp_path / "bad.mov")) as plate:
+    for number in lost:
+        data[starts[number] : starts[number] + 40] = bytes(40)
+    (folder / "bad.mov").write_bytes(data)
+    return str(folder / "bad.mov")
+
+
+@pytest.mark.parametrize("lost", [(4, 5, 11), (18,), (19,), (15, 17, 18), (7, 19)], ids=str)
+def test_lost_pictures_leave_a_gap_in_times_and_numbers(tmp_path, lost):
+    with open_source(damaged_clip(tmp_path, 20, *lost)) as plate:
         found = [(frame.index, frame.number, frame.time_s) for frame in plate]
-    kept = [number for number in range(20) if number not in (4, 5, 11)]
+    kept = [number for number in range(20) if number not in lost]
     assert found == [(at, number, pytest.approx(number / 25)) for at, number in enumerate(kept)]
-    assert plate.damaged == 3
+    assert plate.damaged == len(lost)
+
+
+def test_good_pictures_of_a_short_clip_that_begins_damaged_are_found(tmp_path):
+    with open_source(damaged_clip(tmp_path, 2, 0)) as plate:
+        assert [frame.pts * frame.time_base for frame in plate] == [Fraction(1, 25)]
 
 
 def test_damaged_pictures_of_a_sequence_do_not_shift_the_numbers_of_others(tmp_path):
