@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from nlens_video.cameras.solved import SolvedCamera
-from nlens_video.core.layers import Float64
+from nlens_video.core.layers import Bool, Float64
 
 _TRIALS = 2000
 _STEEPEST = np.cos(np.radians(65.0))  # between a camera's up and the ground's normal
@@ -35,30 +35,39 @@ def fit_ground(
 
     Returns:
         Unit normal (3,), upwards, and offset, so that normal · point = offset on the ground; None
-        where no plane holds a tenth of the points.
+        where no such plane holds a tenth of the points.
     """
     if len(points) < _FEWEST:
         return None
-    eyes, rights, ups = poses[:, :3, 3], poses[:, :3, 0], poses[:, :3, 1]
-    band = tolerance * np.linalg.norm(points - eyes[0], axis=1)
+    band = tolerance * np.linalg.norm(points - poses[0, :3, 3], axis=1)
     rng = np.random.default_rng(seed)
     corners = points[rng.integers(len(points), size=(_TRIALS, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)
     some = lengths > 0.0
     corners, normals = corners[some], normals[some] / lengths[some, None]
-    normals *= np.sign(normals @ ups.mean(axis=0))[:, None]
-    level = (normals @ ups.T).min(axis=1) > _STEEPEST
-    level &= abs(normals @ rights.T).max(axis=1) < _LARGEST_ROLL
+    normals *= np.sign(normals @ poses[:, :3, 1].mean(axis=0))[:, None]
     offsets = np.einsum("nk,nk->n", normals, corners[:, 0])
-    level &= ((normals @ eyes.T).min(axis=1) - offsets) > 0.0
+    level = _level(normals, offsets, poses)
     normals, offsets = normals[level], offsets[level]
     if not len(normals):
         return None
     heights = normals @ points.T - offsets[:, None]
     votes = (abs(heights) < band).sum(axis=1) - _BELOW_COSTS * (heights < -3.0 * band).sum(axis=1)
     best = int(np.argmax(votes))
-    return _refined(points, band, normals[best], float(offsets[best]))
+    found = _refined(points, band, normals[best], float(offsets[best]))
+    # Points of a warped scene lead the fit away from where it began, to a wall for instance.
+    if found is None or not _level(found[0][None], np.array([found[1]]), poses)[0]:
+        return None
+    return found
+
+
+def _level(normals: Float64, offsets: Float64, poses: Float64) -> Bool:
+    """Whether planes (N, 3), (N,) lie below all cameras as a ground may lie (N,)."""
+    eyes, rights, ups = poses[:, :3, 3], poses[:, :3, 0], poses[:, :3, 1]
+    level = (normals @ ups.T).min(axis=1) > _STEEPEST
+    level &= abs(normals @ rights.T).max(axis=1) < _LARGEST_ROLL
+    return np.asarray(level & ((normals @ eyes.T).min(axis=1) > offsets))
 
 
 def _refined(

@@ -128,11 +128,13 @@ class ShotSolver:
         # What the user gives is kept; a tag, which knows no crop, yields to a better measurement.
         focal = self.known.focal * self.size[0] if self.known and self.known.given else None
         solver = PartSolver(self.seen, self.size, self.first)
-        joined: Joined | None = None
-        error = 0.0
+        joined, error = None, 0.0
         for keyframes in parts_of(self._tracker.steps_px, self.size[0], self.every):
-            zoomed = None if joined is None else joined.zoomed_focal_px(keyframes[0])
-            part = self._part(solver, keyframes, focal or zoomed)
+            # The focal length of its first frame, which is another one behind a zoom.
+            known = focal
+            if joined is not None and joined.last.zooms:
+                known = joined.zoomed_focal_px(keyframes[0])
+            part = self._part(solver, keyframes, known)
             if joined is None:
                 joined, error = Joined.begun(part), part.focal_error
             else:
@@ -262,9 +264,10 @@ class ShotSolver:
         poses = np.array(path.poses)
         ground = fit_ground(path.ground, poses[: path.ground_frames])
         if ground is None:
+            advice = "leave --fov out, or " if self.known and self.known.given else ""
             raise InputError(
                 f"the camera's path is solved, but no ground is found among {len(path.ground)} "
-                "points: expected a plane below the camera; give --camera-from"
+                f"points: expected a plane below the camera; {advice}give --camera-from"
             )
         level = ground_frame(*ground, poses[0], EYE_HEIGHT)
         scale = float(np.cbrt(np.linalg.det(level[:3, :3])))

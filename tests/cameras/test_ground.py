@@ -46,6 +46,15 @@ def test_wall_is_not_taken_for_the_ground():
     assert fit_ground(np.concatenate([wall, wall + (0.1, 0.0, 0.0)]), poses) is None
 
 
+def test_rough_slope_too_steep_for_a_ground_is_none_though_planes_within_it_are_flatter():
+    _, poses = scene()
+    rng = np.random.default_rng(0)
+    slope = rng.uniform((-3, 0, -3), (3, 0, 3), (400, 3))
+    slope[:, 1] = rng.normal(0.0, 0.1, 400)
+    lean = Rotation.from_euler("X", 70.0 - 15.0, degrees=True)  # 70 degrees from the cameras' up
+    assert fit_ground(lean.apply(slope) + (0.0, -1.0, -6.0), poses) is None
+
+
 def test_table_with_points_below_it_is_not_the_ground():
     points, poses = scene()
     rng = np.random.default_rng(1)

@@ -134,6 +134,17 @@ def test_zoom_is_followed_while_the_camera_walks():
 
 
 @pytest.mark.slow
+def test_zoom_begins_with_the_field_of_view_that_is_given_even_a_wrong_one():
+    seen, _, focals = walk(zoom=1.5)
+    solver = PartSolver(seen, SIZE)
+    bundle = solver.solve(KEYFRAMES, focals[0])
+    assert bundle.focals_px[0] == pytest.approx(focals[0], rel=1e-9)
+    assert bundle.focals_px[-1] == pytest.approx(focals[-1], rel=0.02)
+    wrong = solver.solve(KEYFRAMES, 1.15 * focals[0])
+    assert wrong.focals_px[0] == pytest.approx(1.15 * focals[0], rel=1e-9)
+
+
+@pytest.mark.slow
 def test_thing_that_walks_through_the_picture_is_left_out():
     seen, poses, focals = walk(walkers=200)
     assert followed_px(solved(seen), poses, focals) < 0.3

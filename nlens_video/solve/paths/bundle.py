@@ -110,12 +110,13 @@ class Bundle:
 
         Args:
             used: observations that take part (N,), None for those that fit now.
-            focal: the focal length is free.
-            zooms: each keyframe has one of its own.
+            focal: the focal length is free; of a zoom, that of the first keyframe is.
+            zooms: each keyframe has one of its own, which is free.
             distortion: the radial coefficient is free.
         """
         import pycolmap
 
+        free, kept = focal or zooms, zooms and not focal
         zooms = zooms or float(np.ptp(self.focals_px)) > 0.0
         model = pycolmap.Reconstruction()
         width, height = self.size
@@ -144,7 +145,7 @@ class Bundle:
             names[number] = model.add_point3D(self.points[number], track)
         options = pycolmap.BundleAdjustmentOptions()
         options.print_summary = False
-        options.refine_focal_length, options.refine_extra_params = focal, distortion
+        options.refine_focal_length, options.refine_extra_params = free, distortion
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
         options.ceres.loss_function_scale = _LOSS_PX
         options.ceres.solver_options.num_threads = 1
@@ -153,6 +154,8 @@ class Bundle:
         config = pycolmap.BundleAdjustmentConfig()
         for place in self.solved:
             config.add_image(place + 1)
+        if kept:
+            config.set_constant_cam_intrinsics(self.solved[0] + 1)
         config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
         pycolmap.create_default_bundle_adjuster(options, config, model).solve()
         poses, focals, points = self.poses.copy(), self.focals_px.copy(), self.points.copy()

@@ -107,7 +107,7 @@ class PartSolver:
 
         Args:
             keyframes: at least two, in order.
-            focal_px: focal length where it is known [px].
+            focal_px: focal length of the first one where it is known [px].
 
         Returns:
             A finished rotation, or the keyframes of a path.
@@ -146,7 +146,7 @@ class PartSolver:
 
         Args:
             keyframes: at least two, in order.
-            focal_px: focal length where it is known [px].
+            focal_px: focal length of the first one where it is known [px].
             narrow: a path that hardly leaves its place counts too.
         """
         table, count = self.seen.table(keyframes, _SEEN_OFTEN), len(keyframes)
@@ -160,14 +160,14 @@ class PartSolver:
         if found:
             bundle = min(found, key=lambda one: one.unexplained_px)
             used = bundle.believed()
-            zoomed = bundle.adjusted(zooms=True, used=used)
+            zoomed = bundle.adjusted(focal=free, zooms=True, used=used)
             change = float(np.ptp(np.log(zoomed.focals_px)))
             if change < _LEAST_ZOOM or not zoomed.cost(used) < _ZOOM_GAIN * bundle.cost(used):
                 return bundle.bent(focal=free)
         structure = map_keyframes(table, count, self.size, focal_px, zooms=True)
         if structure is None:
             return None
-        return bundle_of(structure, table, self.size, count).adjusted(zooms=True)
+        return bundle_of(structure, table, self.size, count).adjusted(focal=free, zooms=True)
 
     def turning(self, keyframes: list[int], path: RotationPath) -> Part:
         """A rotation's part: all frames from the directions of its points."""
