@@ -1,9 +1,9 @@
 """Ground and scale from markers of known size that lie on the ground.
 
 The cameras are known in a world of their own; unknown are the ground, the world's scale where the
-camera moves, the focal length where it stands still, and where on the ground each marker lies.
-All corners are fitted at once. Markers that turn out to lie on a grid, as those of a board do, are
-then fitted as one: a board tells far more than its markers do one by one.
+camera moves, the focal length unless it turns on the spot, and where on the ground each marker
+lies. All corners are fitted at once. Markers that turn out to lie on a grid, as those of a board
+do, are then fitted as one: a board tells far more than its markers do one by one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,14 @@ from nlens_video.cameras.ground import ground_frame, moved
 from nlens_video.cameras.solved import CameraErrors, FovSource, SolvedCamera
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64
-from nlens_video.solve.marker_scene import Corners, as_grid, ground_axes, observed
+from nlens_video.solve.marker_scene import (
+    Corners,
+    as_grid,
+    ground_axes,
+    observed,
+    stretched,
+    stretched_plane,
+)
 from nlens_video.solve.markers import Sighting
 
 _ERROR_PX = 0.1  # of a corner, at least
@@ -33,6 +40,8 @@ _LOOSE = 0.2  # error of a focal length that is tried smaller and larger too [1]
 _ENOUGH = 5  # markers that a start is fitted to
 _ON_GRID_PX = 0.6  # of a board
 _FOV_MEASURED = 0.08
+_OFF_GROUND_DEG = 0.5  # between the markers' plane and a path's ground, which is told
+_FOCAL_KNOWN = 0.002  # error of a path's focal length that is left as it is [1]
 _HEAD = 5  # parameters before those of the layout
 
 
@@ -69,18 +78,21 @@ class _Fit:
     def __init__(self, camera: SolvedCamera, seen: Corners) -> None:
         self._camera, self._seen = camera, seen
         self._grid: Float64 | None = None
+        self._last = seen, 1.0, seen
         errors, fov = camera.errors, math.radians(camera.keys[0].fov_x_deg)
         self._moves, self._still = camera.path == "moving", len(camera.keys) == 1
+        self._first = camera.keys[0].world_from_camera
         above = float(camera.keys[0].world_from_camera[1, 3] - camera.ground_y)
         tilts = [math.radians(one) for one in (errors.pitch_deg, errors.roll_deg)]
         stretch = math.radians(errors.fov_deg) / math.sin(fov)
+        refined = self._moves and stretch > _FOCAL_KNOWN
         # What is known before: the ground and the focal length that the solve found.
         self._centre = np.array([0.0, 0.0, camera.ground_y, 0.0, 0.0])
         self._spread = np.array([
             *(max(_DOUBT * one, _LEAST_TILT) for one in tilts),
             _HEIGHT_ERROR * above if self._moves else _FREE,
             _FREE if self._moves else _FIXED,
-            max(stretch, 1e-4) if self._still else _FIXED,
+            max(stretch, 1e-4) if self._still else stretch if refined else _FIXED,
         ])  # fmt: skip
 
     def solve(self, family: str) -> SolvedCamera:
@@ -134,7 +146,7 @@ class _Fit:
                 continue
             drop = self._camera.ground_y - eye[1]
             scale = drop / ray[1] if self._moves and drop * ray[1] > 0.0 else 1.0
-            tilts = math.atan2(normal[2], normal[1]), -math.asin(normal[0])
+            tilts = _tilts(normal)
             height = float(normal @ (eye + scale * ray))
             loose = self._spread[4] > _LOOSE
             for stretch in (-_LOOSE, 0.0, _LOOSE) if loose else (0.0,):
@@ -144,9 +156,24 @@ class _Fit:
 
     def _with_layout(self, head: Float64) -> Float64:
         """The parameters whose layout is that of the corners' rays."""
-        turn = ground_axes(head[0], head[1])
-        layout = self._seen.layout(turn, head[2], math.exp(head[3]), math.exp(head[4]))
+        seen, turn, height, stretch = self._scene(head)
+        layout = seen.layout(turn, height, math.exp(head[3]), stretch)
         return np.concatenate([head, layout.ravel()])
+
+    def _scene(self, params: Float64) -> tuple[Corners, Float64, float, float]:
+        """Sightings, the ground's axes and height, and what focal lengths are to be times.
+
+        On a path another focal length stretches the scene, its ground too: the points stay on it.
+        """
+        turn, height, stretch = ground_axes(*params[:2]), float(params[2]), math.exp(params[4])
+        if not self._moves:
+            return self._seen, turn, height, stretch
+        normal, height = stretched_plane(turn[:, 1], height, stretch, self._first)
+        turn = ground_axes(*_tilts(normal))
+        # Slopes by the other parameters ask for the same stretch again and again.
+        if self._last[0] is not self._seen or self._last[1] != stretch:
+            self._last = self._seen, stretch, self._seen.stretched(stretch, self._first)
+        return self._last[2], turn, height, 1.0
 
     def _layout(self, params: Float64) -> Float64:
         if self._grid is None:
@@ -158,9 +185,9 @@ class _Fit:
 
     def _apart(self, params: Float64) -> Float64:
         """From the observed corners to the fitted ones (N, 4, 2) [px]."""
-        turn, scale = ground_axes(params[0], params[1]), math.exp(params[3])
-        points = self._seen.world(self._layout(params), turn, params[2], scale)
-        return self._seen.project(points, math.exp(params[4])) - self._seen.pixels
+        seen, turn, height, stretch = self._scene(params)
+        points = seen.world(self._layout(params), turn, height, math.exp(params[3]))
+        return seen.project(points, stretch) - seen.pixels
 
     def _residuals(self, params: Float64) -> Float64:
         known = (params[:_HEAD] - self._centre) / self._spread
@@ -195,7 +222,7 @@ class _Fit:
         return self._fitted(free)[0]
 
     def _errors(self, params: Float64) -> Float64:
-        """Standard errors of tilts, height, scale and focal length (5,)."""
+        """Standard errors of tilts, in the scene as it is stretched, and focal length (3,)."""
         step = 1e-6
         slopes = np.array([
             (self._residuals(params + step * unit) - self._residuals(params - step * unit))
@@ -203,39 +230,61 @@ class _Fit:
             for unit in np.eye(len(params))
         ]).T  # fmt: skip
         worse = max(1.0, float((self._residuals(params)[:-_HEAD] ** 2).mean()))
-        return np.sqrt(np.diag(np.linalg.pinv(slopes.T @ slopes) * worse)[:_HEAD])
+        spread = (np.linalg.pinv(slopes.T @ slopes) * worse)[:_HEAD, :_HEAD]
+        turned = np.array([
+            np.subtract(self._lean(params + step * unit), self._lean(params - step * unit))
+            / (2.0 * step)
+            for unit in np.eye(len(params))[:_HEAD]
+        ]).T  # fmt: skip
+        return np.sqrt([*np.diag(turned @ spread @ turned.T), spread[4, 4]])
+
+    def _lean(self, params: Float64) -> tuple[float, float]:
+        """Tilts of the ground in the scene as it is stretched [rad]."""
+        return _tilts(self._scene(params)[1][:, 1])
 
     def _camera_of(self, params: Float64, family: str) -> SolvedCamera:
         camera, errors = self._camera, self._errors(params)
-        normal = ground_axes(params[0], params[1])[:, 1]
-        pose = camera.keys[0].world_from_camera
-        above = (float(normal @ pose[:3, 3]) - params[2]) / math.exp(params[3])
+        _, turn, height, _ = self._scene(params)
+        normal, pose = turn[:, 1], self._first
+        above = (float(normal @ pose[:3, 3]) - height) / math.exp(params[3])
         if above <= 0.0:
             raise InputError("--marker: the markers lie above the camera; lay them on the ground")
-        fov, source, fov_error = camera.keys[0].fov_x_deg, camera.fov, camera.errors.fov_deg
-        if self._still:
-            fov, source, fov_error = self._lens(params[4], errors[4])
-            camera = replace(camera, keys=(replace(camera.keys[0], fov_x_deg=fov),))
+        source, fov_error = camera.fov, camera.errors.fov_deg
+        if self._spread[4] > _FIXED:
+            fov, source, fov_error = self._lens(params[4], errors[2])
+            camera = (
+                stretched(camera, math.exp(params[4]))
+                if self._moves
+                else replace(camera, keys=(replace(camera.keys[0], fov_x_deg=fov),))
+            )
         count = self._seen.count
         what = (
             f"a board of {count} markers"
             if self._grid is not None
             else (f"{count} marker{'s' if count > 1 else ''}")
         )
+        apart = math.degrees(math.hypot(params[0], params[1])) if self._moves else 0.0
+        off = f", {apart:.1f} degrees off the ground of the path's points"
         return replace(
-            moved(camera, ground_frame(normal, float(params[2]), pose, above)),
+            moved(camera, ground_frame(normal, height, pose, above)),
             ground_y=0.0, fov=source, horizon="measured", scale="metres",
             errors=CameraErrors(
                 fov_deg=fov_error, pitch_deg=math.degrees(errors[0]),
                 roll_deg=math.degrees(errors[1]),
             ),
-            method=f"{camera.method}; ground and scale by {what} ({family})",
+            method=f"{camera.method}; ground and scale by {what} ({family})"
+            f"{off if apart > _OFF_GROUND_DEG else ''}",
         )  # fmt: skip
 
     def _lens(self, stretch: float, error: float) -> tuple[float, FovSource, float]:
-        """Field of view of a still camera, where it comes from, and its error [deg]."""
+        """Field of view of the first frame, where it comes from, and its error [deg]."""
         half = math.tan(0.5 * math.radians(self._camera.keys[0].fov_x_deg)) / math.exp(stretch)
         fov = 2.0 * math.atan(half)
         seen = error < min(_FOV_MEASURED, 0.6 * self._spread[4])
         source: FovSource = "measured" if seen else self._camera.fov
         return math.degrees(fov), source, math.degrees(math.sin(fov) * error)
+
+
+def _tilts(normal: Float64) -> tuple[float, float]:
+    """Of a ground about x, then z [rad], as `ground_axes` takes them."""
+    return math.atan2(normal[2], normal[1]), -math.asin(normal[0])

@@ -14,6 +14,7 @@ from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64
 from nlens_video.solve.markers import Sighting
+from nlens_video.solve.sources import fov_of_focal
 
 _CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])  # x, z of side 1
 _OFF_GRID, _FEWEST = 0.08, 4  # how far markers of a board are off its grid [spacing]; how many
@@ -62,6 +63,18 @@ class Corners:
         seen = [cv2.contourArea(one.astype(np.float32)) for one in self.pixels]
         np.maximum.at(areas, self.markers, seen)
         return self.take(np.isin(self.markers, np.argsort(-areas, kind="stable")[:count]))
+
+    def stretched(self, share: float, first: Float64) -> Corners:
+        """The same sightings by cameras with other focal lengths, as of `stretched_poses`."""
+        poses = np.tile(np.eye(4), (len(self.axes), 1, 1))
+        poses[:, :3, :3] = self.axes.swapaxes(1, 2)
+        poses[:, :3, 3] = -np.einsum("nji,nj->ni", self.axes, self.shifts)
+        poses = stretched_poses(poses, share, first)
+        axes = poses[:, :3, :3].swapaxes(1, 2)
+        return replace(
+            self, axes=axes, shifts=-np.einsum("nij,nj->ni", axes, poses[:, :3, 3]),
+            focal=share * self.focal,
+        )  # fmt: skip
 
     def project(self, points: Float64, stretch: float) -> Float64:
         """World positions (N, 4, 3) in pixels (N, 4, 2), with focal lengths times `stretch`."""
@@ -144,6 +157,62 @@ def observed(camera: SolvedCamera, sightings: list[Sighting], side_m: float) -> 
         focal=np.array(focal),
         middle=np.array(middle),
     )
+
+
+def stretched_poses(poses: Float64, share: float, first: Float64) -> Float64:
+    """Cameras on a path that see the same pictures with other focal lengths (N, 4, 4).
+
+    The scene stretches along the optical axis of the first camera. What another one sees is the
+    same where it does not turn against the first, and nearly so where the change is small.
+
+    Args:
+        poses: world-from-camera matrices (N, 4, 4).
+        share: new focal lengths by the old ones [1].
+        first: world-from-camera matrix of the path's first camera (4, 4).
+    """
+    along = np.diag([1.0, 1.0, share])
+    stretch = _stretch(share, first)
+    found = poses.copy()
+    # The rotation nearest to what the stretched scene asks for.
+    left, _, right = np.linalg.svd(np.linalg.inv(stretch) @ poses[:, :3, :3] @ along)
+    found[:, :3, :3] = left @ right
+    found[:, :3, 3] = (poses[:, :3, 3] - first[:3, 3]) @ stretch + first[:3, 3]
+    return found
+
+
+def stretched_plane(
+    normal: Float64, offset: float, share: float, first: Float64
+) -> tuple[Float64, float]:
+    """Unit normal and offset of a plane in a scene that is stretched as by `stretched_poses`."""
+    leaning = np.linalg.inv(_stretch(share, first)) @ normal
+    above = float(normal @ first[:3, 3]) - offset
+    length = float(np.linalg.norm(leaning))
+    return leaning / length, float(leaning @ first[:3, 3] - above) / length
+
+
+def stretched(camera: SolvedCamera, share: float) -> SolvedCamera:
+    """A path with other focal lengths, as of `stretched_poses`, with its points."""
+    first = camera.keys[0].world_from_camera
+    poses = np.array([key.world_from_camera for key in camera.keys])
+    keys = tuple(
+        replace(
+            key, world_to_camera=np.asarray(np.linalg.inv(pose)),
+            fov_x_deg=fov_of_focal(share * 0.5 / math.tan(0.5 * math.radians(key.fov_x_deg))),
+        )
+        for key, pose in zip(camera.keys, stretched_poses(poses, share, first), strict=True)
+    )  # fmt: skip
+    points, eye = camera.points, first[:3, 3]
+    if points is not None:
+        points = (points - eye) @ _stretch(share, first) + eye
+    return replace(
+        camera, keys=keys, points=points, distortion_k1=camera.distortion_k1 * share**2
+    )  # fmt: skip
+
+
+def _stretch(share: float, first: Float64) -> Float64:
+    """By `share` along a camera's optical axis (3, 3), symmetric."""
+    turn = first[:3, :3]
+    return np.asarray(turn @ np.diag([1.0, 1.0, share]) @ turn.T)
 
 
 def ground_axes(about_x: float, about_z: float) -> Float64:
