@@ -20,6 +20,7 @@ from nlens_video.cameras.solved import (
 from nlens_video.cameras.text import broken_json
 from nlens_video.core.errors import SceneError
 
+_FIRST = "first_frame"
 DESCRIPTION = "nlens_video_camera"
 """Member of files of other formats that holds what they have no field for; others pass over it."""
 _W = TypeVar("_W", bound=str)
@@ -41,9 +42,10 @@ def camera_of_json(text: str, source: str = "camera.json") -> SolvedCamera:
 
 
 def description(camera: SolvedCamera) -> dict[str, object]:
-    """Size, sources, errors, scale and method of a camera, without its frames."""
+    """Size, sources, errors, scale and method of a camera; of its frames the first's number."""
     whole: dict[str, object] = json.loads(camera.to_json())
-    return {name: value for name, value in whole.items() if name != "frames"}
+    del whole["frames"]
+    return {**whole, _FIRST: camera.keys[0].index}
 
 
 def described_camera(
@@ -67,6 +69,10 @@ def described_camera(
     Raises:
         SceneError: a value is missing or wrong.
     """
+    said = dict(found) if isinstance(found, dict) else {}
+    first = said.pop(_FIRST, 0)  # other files begin with the plate, where the camera then rests
+    if isinstance(first, int) and first <= keys[-1].index:
+        keys = [key for key in keys if key.index >= first]
     known: dict[str, object] = {
         "width": size[0],
         "height": size[1],
@@ -83,7 +89,6 @@ def described_camera(
         for key in keys
     ]
     path = "still" if len(keys) == 1 else "moving"
-    said = found if isinstance(found, dict) else {}
     if "width" not in said:  # its pixels go with its size
         known["pixel_aspect"] = pixel_aspect
     whole = {**known, "path": path, **defaults, **said, "frames": frames}

@@ -80,7 +80,7 @@ def from_chan(
 
 
 def to_chan(camera: SolvedCamera) -> str:
-    """The text of a .chan file, frames counted from 0; times and principal point are lost."""
+    """The text of a .chan file, frames counted from 0; `files.lost_in` tells what is lost."""
     camera = on_ground_zero(camera)
     keys = camera.keys
     if keys[0].index > 0:  # the first line is the plate's first frame

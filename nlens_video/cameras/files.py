@@ -119,6 +119,19 @@ def check_camera_name(path: Path) -> None:
         require_usd(path)
 
 
+def lost_in(camera: SolvedCamera, path: Path) -> tuple[str, ...]:
+    """What a file of that name cannot hold of a camera, beyond times and sources."""
+    if path.suffix.lower() != ".chan":
+        return ()
+    first = camera.keys[0].index
+    parts = (
+        ("the lens distortion", camera.distortion_k1 != 0.0),
+        ("the principal point", camera.principal_px is not None),
+        (f"that frames before {first} have no camera", first > 0),
+    )
+    return tuple(what for what, there in parts if there)
+
+
 def camera_bytes(camera: SolvedCamera, path: Path) -> bytes:
     """The bytes of a camera in the format that the file's name asks for.
 

@@ -208,7 +208,7 @@ class Console:
             else (f"1 frame{'' if changed else ', unchanged'}")
         )
         self._say("wrote", f"{where}, {told}")
-        self._say("lens", outcome.fit.describe() if outcome.fit else "none: no object in view")
+        self._say("lens", outcome.fit.describe() if outcome.fit else _no_lens(outcome.decisions))
         self._effects(outcome.decisions)
         if self._verbose:
             nodes = ", ".join(f"{name} {ms:.1f}" for name, ms in timing.node_median_ms.items())
@@ -255,6 +255,12 @@ class Console:
 
     def _emit(self, value: object) -> None:
         print_out(json.dumps(value, indent=2) + "\n", self._results)
+
+
+def _no_lens(decisions: Sequence[Decision]) -> str:
+    """Why a run has no lens."""
+    off = any(one.effect == "defocus" and not one.wanted for one in decisions)
+    return "none: defocus is off" if off else "none: no object in view"
 
 
 def _progress_line(what: str, done: int, total: int | None) -> None:

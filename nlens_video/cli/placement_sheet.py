@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
 
 _LONG_SIDE = 480  # of a choice [px]
+_ASSUMED_HORIZON = 0.4  # where neither an option nor the plate tells it [frame height]
 _ACROSS = 3  # choices side by side
 _UNSEEN = "no ground there, or it reaches behind the camera"
 _FONT, _LINE_HEIGHT, _LEFT = 0.42, 19, 6  # of the captions: OpenCV's scale, [px], [px]
@@ -68,7 +69,9 @@ def run_place(args: Namespace, console: Console) -> int:
         raise UsageError("--camera-from gives the horizon; leave --horizon out")
     if solved is not None:
         chosen = default_placement(solved)
-        start = replace(start, horizon=None, at=args.at or chosen.at, size=args.size or chosen.size)
+        start = replace(start, at=args.at or chosen.at, size=args.size or chosen.size)
+    elif start.horizon is None:
+        start = replace(start, horizon=_ASSUMED_HORIZON)
     options = write_contact_sheet(
         source, objects, start, args.output, solved=solved, grid=not args.no_grid
     )

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from nlens_video.cameras.files import camera_bytes, check_camera_name
+from nlens_video.cameras.files import camera_bytes, check_camera_name, lost_in
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.cli.plate_solver import Solved, solve_plate
 from nlens_video.core.scale import UNKNOWN_SCALE, ScaleSettings
@@ -43,6 +43,9 @@ def run_solve(args: Namespace, console: Console) -> int:
             scale=scale,
         )  # fmt: skip
     console.camera(args.output, camera)
+    lost = lost_in(camera, args.output)
+    if lost:
+        console.note(f"{args.output} cannot hold {', '.join(lost)}; camera.json, .glb and .usda do")
     return 0
 
 

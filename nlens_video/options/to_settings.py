@@ -22,7 +22,7 @@ from nlens_video.core.settings import (
 from nlens_video.options.table import ROWS
 
 _FEEDS = {option.feeds: option.attribute for option in ROWS if option.feeds}
-_START = Placement(at=(0.5, 0.8), size=0.35, horizon=0.4)
+_START = Placement(at=(0.5, 0.8), size=0.35, horizon=None)
 """The placement that `place` varies where no option gives one."""
 
 
@@ -117,7 +117,7 @@ def _scale_beside(args: argparse.Namespace) -> ScaleSettings:
 
 
 def place_settings(args: argparse.Namespace) -> tuple[ObjectSettings, Placement]:
-    """The object of `place`, and the placement that is varied."""
+    """The object of `place`, and the placement that is varied; no horizon if none is given."""
     playback = Playback(**_given(args, "playback"))
     objects = ObjectSettings(**_given(args, "scene"), playback=playback)
     placing = _given(args, "placing")

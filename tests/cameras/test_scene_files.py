@@ -17,7 +17,7 @@ from pxr import Gf, Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 from support.glb_builder import GlbBuilder
 
-from nlens_video.cameras.files import camera_bytes, check_camera_name, read_camera
+from nlens_video.cameras.files import camera_bytes, check_camera_name, lost_in, read_camera
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
 from nlens_video.core.errors import SceneError, UsageError
 
@@ -54,6 +54,23 @@ def written(camera, path, rate=RATE):
     """What a file holds after it was written."""
     path.write_bytes(camera_bytes(camera, path))
     return read_camera(path, (camera.width, camera.height), rate)
+
+
+def test_camera_of_later_frames_claims_no_frames_before_them(tmp_path):
+    camera = walk(first=10)
+    for suffix in WHOLE:
+        read = written(camera, tmp_path / f"camera{suffix}")
+        assert [key.index for key in read.keys] == [10, 11, 12, 13, 14], suffix
+
+
+def test_what_a_format_cannot_hold_is_named(tmp_path):
+    camera = walk(first=10, distortion_k1=-0.1, principal_px=(470.0, 250.0))
+    lost = lost_in(camera, tmp_path / "camera.chan")
+    assert lost == (
+        "the lens distortion", "the principal point", "that frames before 10 have no camera",
+    )  # fmt: skip
+    assert not any(lost_in(camera, tmp_path / f"camera{suffix}") for suffix in WHOLE)
+    assert not lost_in(walk(), tmp_path / "camera.chan")
 
 
 def assert_same_view(one, other, *, pixels=5e-3, size=1e-5):

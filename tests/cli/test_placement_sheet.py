@@ -1,17 +1,20 @@
 """Placement of objects without a camera, and the contact sheet of placements."""
 
 import json
+import re
 import shlex
 
 import av
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from support import shots
 from support.command import nlens
 from support.glb_builder import GlbBuilder
 
 from nlens_video import Compositor
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.cli.placement_choices import Choice, choices, choices_on_ground
 from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import Placement, focal_of_fov, fov_of_focal
@@ -50,6 +53,7 @@ def test_object_is_drawn_at_the_place_that_the_options_state(files, tmp_path):
         cv2.imread(str(files / "plate.png")), cv2.imread(str(tmp_path / "out.png"))
     )
     assert 0.5 * (left + right) == pytest.approx(0.3, abs=0.03)
+    assert re.search(r"^lens +none: defocus is off$", run.stderr, re.MULTILINE)
     assert top == pytest.approx(0.8 - 0.4, abs=0.01)
     assert 0.8 < bottom < 0.95  # the cube's near edge lies below the middle of its foot
 
@@ -172,6 +176,20 @@ def test_contact_sheet_starts_from_the_plates_camera_where_no_horizon_is_given(f
     assert sheets[0].shape[:2] == sheets[2].shape[:2]
     assert np.array_equal(sheets[0][:270], sheets[1][:270])  # the captions are longer
     assert not np.array_equal(sheets[0][:270], sheets[2][:270])
+
+
+def test_contact_sheet_takes_a_place_high_in_the_frame_where_the_plates_ground_is(files, tmp_path):
+    turn = Rotation.from_euler("x", 30.0, degrees=True).as_matrix()  # downwards: no horizon in view
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = turn, -turn @ (0.0, 1.5, 0.0)
+    key = CameraKey(index=0, pts_s=0.0, world_to_camera=view, fov_x_deg=50.0)
+    camera = SolvedCamera(width=shots.WIDTH, height=shots.HEIGHT, keys=(key,))
+    (tmp_path / "camera.json").write_text(camera.to_json())
+    run = nlens(
+        "place", files / "plate.png", files / "cube.glb", tmp_path / "s.png", "--at", "0.5,0.3",
+        "--camera-from", tmp_path / "camera.json",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
 
 
 def test_contact_sheet_refuses_a_horizon_beside_a_camera(files, tmp_path):
