@@ -125,13 +125,15 @@ def _times(motion: Animation, rate: Fraction) -> list[float]:
         return [0.0]
     keys = {time_s for track in motion.tracks for time_s in track.times}
     count = math.ceil(motion.duration_s * rate - _APART) + 1
-    frames = [float(index / rate) for index in range(count if count <= _MOST_FRAMES else 1)]
-    known = set(range(len(frames)))
-    between = [
-        time_s for time_s in keys
-        if abs(time_s * rate - round(time_s * rate)) > _APART or round(time_s * rate) not in known
-    ]  # fmt: skip
-    return sorted([*frames, *between])
+    frames = {index: float(index / rate) for index in range(count if count <= _MOST_FRAMES else 1)}
+    between = []
+    for time_s in keys:
+        index = round(time_s * rate)
+        if index in frames and abs(time_s * rate - index) <= _APART:
+            frames[index] = time_s  # the clip's own time, which its container rounds
+        else:
+            between.append(time_s)
+    return sorted([*frames.values(), *between])
 
 
 def _key(

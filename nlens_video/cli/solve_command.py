@@ -25,6 +25,7 @@ from nlens_video.report.findings import EvenPick
 from nlens_video.solve.evidence import PlateLines, line_groups
 from nlens_video.solve.shot import CUES, Cue
 from nlens_video.video.atomic_files import check_folder, make_folder, replacing
+from nlens_video.video.input.source import open_source
 
 if TYPE_CHECKING:
     from nlens_video.cli.console import Console
@@ -143,11 +144,20 @@ def camera_of_run(
     return camera_and_lines(settings, on_progress)[0]
 
 
+def _fov_of_lens(settings: Settings) -> float | None:
+    """Field of view across the plate by the lens that is known [deg]."""
+    if settings.lens.sensor_long_mm is None:
+        return settings.lens.fov_x_deg
+    with open_source(settings.source.spec, **settings.source.hints) as opened:
+        info = opened.info
+    return settings.lens.across(info.width * info.pixel_aspect, info.height).fov_x_deg
+
+
 def camera_and_lines(
     settings: Settings, on_progress: Callable[[int, int | None], None]
 ) -> tuple[SolvedCamera, PlateLines]:
     """As `camera_of_run`, with the line segments from which it was solved."""
-    fov = settings.scene.fov_deg or settings.lens.fov_x_deg
+    fov = settings.scene.fov_deg or _fov_of_lens(settings)
     found = solve_plate(settings.source, settings.scale, fov, 0, on_progress)
     size = found.solver.size
     first = found.camera.resized(*size).at(found.solver.times_s[0])

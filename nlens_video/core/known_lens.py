@@ -17,7 +17,7 @@ from nlens_video.core.errors import UsageError
 SENSORS_MM = {
     "full-frame": 36.0, "super35": 24.9, "aps-c": 23.6, "mft": 17.3, "1-inch": 13.2,
 }  # fmt: skip
-"""Widths of sensors."""
+"""Longer sides of sensors."""
 
 _ERROR = 0.03
 """Relative standard error of the marks on a lens: rounded f-numbers, scales of distance."""
@@ -38,7 +38,7 @@ _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 _LENGTH = re.compile(rf"{_NUMBER}(m|cm|mm|ft)$")
 _LIMITS = {
     "focal_mm": (0.5, 5000.0), "f_number": (0.3, 128.0), "focus_m": (0.001, 1e6),
-    "sensor_mm": (0.5, 200.0),
+    "sensor_mm": (0.5, 200.0), "sensor_long_mm": (0.5, 200.0),
 }  # fmt: skip
 _HELP = 'write such as "50mm f/2.8 focus 2.4m sensor full-frame", or any part of it'
 
@@ -112,6 +112,7 @@ class KnownLens:
         f_number: focal length by the diameter of the aperture [1].
         focus_m: focused distance along the optical axis, infinity allowed [m].
         sensor_mm: width of the part of the sensor that the frame shows [mm].
+        sensor_long_mm: longer side of a sensor that lies along the longer side of the frame [mm].
         prefer: which of two lenses to take where the plate leaves it open.
         aperture_error: relative standard error of its aperture [1].
         focus_error: relative standard error of the focused distance [1].
@@ -122,6 +123,7 @@ class KnownLens:
     f_number: float | None = None
     focus_m: float | None = None
     sensor_mm: float | None = None
+    sensor_long_mm: float | None = None
     prefer: Prefer | None = None
     aperture_error: float = _ERROR
     focus_error: float = _ERROR
@@ -130,10 +132,11 @@ class KnownLens:
     def completed_by(self, other: KnownLens) -> KnownLens:
         """This lens, and what only `other` knows, with its errors: the aperture, the focus."""
         lens = self
-        if lens.f_number is None and other.f_number is not None:
-            focal_mm = lens.focal_mm or other.focal_mm
+        focal_mm, f_number = lens.focal_mm or other.focal_mm, lens.f_number or other.f_number
+        used = (lens.focal_mm, lens.f_number) != (focal_mm, f_number)
+        if used and None not in (focal_mm, f_number):
             lens = replace(
-                lens, f_number=other.f_number, focal_mm=focal_mm, source=other.source,
+                lens, f_number=f_number, focal_mm=focal_mm, source=other.source,
                 aperture_error=other.aperture_error,
             )  # fmt: skip
         if lens.focus_m is None and other.focus_m is not None:
@@ -141,6 +144,18 @@ class KnownLens:
                 lens, focus_m=other.focus_m, focus_error=other.focus_error, source=other.source
             )
         return lens
+
+    def across(self, width: float, height: float) -> KnownLens:
+        """This lens, with the width of the sensor's part that a frame shows.
+
+        Args:
+            width: of the frame as it is displayed, in any unit.
+            height: of it, in the same unit.
+        """
+        if self.sensor_long_mm is None:
+            return self
+        width_mm = self.sensor_long_mm * min(1.0, width / height)
+        return replace(self, sensor_mm=width_mm, sensor_long_mm=None)
 
     def prior(self, focal_px: float, width_px: int, unit_m: float | None) -> LensPrior:
         """What this lens says of the model.
@@ -210,14 +225,15 @@ def parse_lens(text: str) -> KnownLens:
         UsageError: a part that is none of these, that comes twice, or whose value makes no sense.
     """
     found: dict[str, Any] = {}
-    words = text.replace(",", " ").split()
+    words = text.replace(",", " ").lower().split()
     while words:
         word = words.pop(0)
         name, value = _named(word, words)
         low, high = _LIMITS[name]
-        if name in found or not (low <= value <= high or (name == "focus_m" and value == math.inf)):
-            twice = "comes twice" if name in found else f"is not from {low:g} to {high:g}"
-            raise UsageError(f"--lens {text!r}: {name.partition('_')[0]} {twice}; {_HELP}")
+        twice = any(name.partition("_")[0] == other.partition("_")[0] for other in found)
+        if twice or not (low <= value <= high or (name == "focus_m" and value == math.inf)):
+            fault = "comes twice" if twice else f"is not from {low:g} to {high:g}"
+            raise UsageError(f"--lens {text!r}: {name.partition('_')[0]} {fault}; {_HELP}")
         found[name] = value
     lens = KnownLens(**found)
     if lens == UNKNOWN_LENS:
@@ -239,9 +255,11 @@ def _named(word: str, after: list[str]) -> tuple[str, float]:
         if match := _LENGTH.match(value):
             return "focus_m", float(match[1]) * _METRES[match[2]]
     if word == "sensor":
-        if value.lower() in SENSORS_MM:
-            return "sensor_mm", SENSORS_MM[value.lower()]
-        if match := re.match(rf"{_NUMBER}(?:x{_NUMBER})?(?:mm)?$", value):
+        if value in SENSORS_MM:
+            return "sensor_long_mm", SENSORS_MM[value]
+        if match := re.match(rf"{_NUMBER}x{_NUMBER}(?:mm)?$", value):
+            return "sensor_long_mm", max(float(match[1]), float(match[2]))
+        if match := re.match(rf"{_NUMBER}(?:mm)?$", value):
             return "sensor_mm", float(match[1])
     said = f"{word} {value}".strip()
     names = f" (sensors: {', '.join(SENSORS_MM)}, or a width as 36mm)" if word == "sensor" else ""

@@ -71,7 +71,8 @@ def chart_fit(settings: Settings, side_m: float) -> LensFit:
         disparity=rows[:, 0], coc_px=rows[:, 1], sigma_px=rows[:, 2],
         anchor=np.zeros(len(rows), bool), weight=np.ones(len(rows)), cluster=number,
     )  # fmt: skip
-    known = settings.known_lens.prior(camera.fx, camera.width, view.unit_m)
+    lens = settings.known_lens.across(camera.width / camera.fx, camera.height / camera.fy)
+    known = lens.prior(camera.fx, camera.width, view.unit_m)
     size = camera.width, camera.height
     where = f"{len(rows)} parts of markers' edges"
     edges = len(rows) / PARTS

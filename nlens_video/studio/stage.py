@@ -231,7 +231,7 @@ class Stage:
         return replace(view, width=width, height=height, solved=solved)
 
     def _camera(self, settings: Settings) -> SolvedCamera:
-        fov = settings.scene.fov_deg or settings.lens.fov_x_deg
+        fov = settings.scene.fov_deg or settings.lens
         key = settings.source, settings.scale, fov
         if key not in self._cameras:
             self._cameras.clear()

@@ -16,7 +16,10 @@ _APERTURE_ERROR = 0.05
 """Relative: f-numbers are rounded to thirds of a stop, and close up a lens has less light."""
 _FOCUS_ERROR = 0.2
 """Relative: lenses tell the distance in coarse steps."""
-_INFINITELY_FAR = 1e6  # EXIF writes infinity as 0xFFFFFFFF [m]
+_INFINITELY_FAR_M = 1e6
+_INFINITE = re.compile(r"\s*(-1|4294967295)\s*:")
+"""EXIF writes infinity as 0xFFFFFFFF, which FFmpeg reads as a signed number."""
+_UNITS = {"mm": 0.001, "cm": 0.01}  # that a text may name; EXIF counts metres
 
 
 def tagged_lens(tags: Mapping[str, str]) -> KnownLens:
@@ -29,10 +32,9 @@ def tagged_lens(tags: Mapping[str, str]) -> KnownLens:
     if number is None and (apex := _number(tags, "aperturevalue")) is not None:
         number = 2.0 ** (0.5 * apex)
     if focal is None or number is None:
-        focal, number = _by_name(tags)
-    distance = _number(tags, "subjectdistance")
-    if distance is not None and distance > _INFINITELY_FAR:
-        distance = float("inf")
+        named = _by_name(tags)
+        focal, number = focal or named[0], number or named[1]
+    distance = _distance_m(tags)
     if number is None and distance is None:
         return UNKNOWN_LENS
     return KnownLens(
@@ -45,11 +47,24 @@ def tagged_lens(tags: Mapping[str, str]) -> KnownLens:
     )
 
 
+def _distance_m(tags: Mapping[str, str]) -> float | None:
+    """The focused distance, infinity allowed [m]."""
+    for key, value in tags.items():
+        if key.lower().rpartition("/")[2] == "subjectdistance":
+            if _INFINITE.match(value):
+                return float("inf")
+            distance = leading_number(value)
+            if distance is not None and distance > 0.0:
+                distance *= _UNITS.get(value.strip().lower()[-2:], 1.0)
+                return float("inf") if distance > _INFINITELY_FAR_M else distance
+    return None
+
+
 def _number(tags: Mapping[str, str], name: str) -> float | None:
     """A positive number of EXIF, which FFmpeg puts under `ExifIFD/`."""
     for key, value in tags.items():
         if key.lower().rpartition("/")[2] == name:
-            number = leading_number(value)
+            number = leading_number(re.sub(r"^\s*[fF]/", "", value))
             if number is not None and number > 0.0:
                 return number
     return None

@@ -15,12 +15,13 @@ from nlens_video.core.lens_fit import LensFit
     ("text", "lens"),
     [
         ("50mm f/2.8 focus 2.4m sensor full-frame", KnownLens(
-            focal_mm=50.0, f_number=2.8, focus_m=2.4, sensor_mm=36.0)),
-        ("sensor 24.9x18.7mm, focus 80cm", KnownLens(focus_m=0.8, sensor_mm=24.9)),
+            focal_mm=50.0, f_number=2.8, focus_m=2.4, sensor_long_mm=36.0)),
+        ("sensor 24.9x18.7mm, focus 80cm", KnownLens(focus_m=0.8, sensor_long_mm=24.9)),
+        ("Sensor 20mm Focus 2M 50MM", KnownLens(focal_mm=50.0, focus_m=2.0, sensor_mm=20.0)),
         ("T/1.5", KnownLens(f_number=1.5)),
         ("focus inf 35mm", KnownLens(focal_mm=35.0, focus_m=math.inf)),
         ("focus 8ft", KnownLens(focus_m=8 * 0.3048)),
-        ("sensor Super35", KnownLens(sensor_mm=24.9)),
+        ("sensor Super35", KnownLens(sensor_long_mm=24.9)),
     ],
 )  # fmt: skip
 def test_parts_of_a_lens_are_read_in_any_order(text, lens):
@@ -33,6 +34,7 @@ def test_parts_of_a_lens_are_read_in_any_order(text, lens):
         ("", "no lens"),
         ("50", "'50' is no part"),
         ("50mm 35mm", "focal comes twice"),
+        ("sensor 36mm sensor mft", "sensor comes twice"),
         ("f/0", "f is not from"),
         ("f/nan", "no part"),
         ("focus", "'focus' is no part"),
@@ -46,6 +48,14 @@ def test_what_is_no_lens_is_refused_with_an_example(text, said):
     with pytest.raises(UsageError, match="50mm f/2.8 focus 2.4m sensor full-frame") as refused:
         parse_lens(text)
     assert said in str(refused.value)
+
+
+@pytest.mark.parametrize(("frame", "across"), [((16, 9), 36.0), ((2, 3), 24.0), ((9, 16), 20.25)])
+def test_longer_side_of_a_sensor_lies_along_the_longer_side_of_the_frame(frame, across):
+    lens = parse_lens("35mm f/2 sensor full-frame").across(*frame)
+    assert lens == KnownLens(focal_mm=35.0, f_number=2.0, sensor_mm=across)
+    stated = KnownLens(sensor_mm=36.0)
+    assert stated.across(*frame) == stated
 
 
 @given(

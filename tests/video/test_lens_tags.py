@@ -29,6 +29,10 @@ APERTURE_MM = 1000 * shots.SLOPE * math.tan(0.5 * shots.YFOV) / (0.5 * shots.HEI
          (6.765, 1.78, None)),
         ({"ExifIFD/SubjectDistance": "24:10"}, (None, None, 2.4)),
         ({"ExifIFD/SubjectDistance": "4294967295:1"}, (None, None, math.inf)),
+        ({"ExifIFD/SubjectDistance": "     -1:1      "}, (None, None, math.inf)),
+        ({"SubjectDistance": "160 cm"}, (None, None, 1.6)),
+        ({"FNumber": "f/2.0", "FocalLength": "50 mm"}, (50.0, 2.0, None)),
+        ({"FNumber": "4", "LensModel": "RF 50 mm f/1.8"}, (50.0, 4.0, None)),
     ],
 )  # fmt: skip
 def test_lens_is_read_from_tags(tags, lens):
@@ -53,6 +57,14 @@ def test_a_lens_that_is_given_goes_before_the_one_of_the_tags():
     told = KnownLens(focal_mm=50.0, f_number=2.8).completed_by(tagged)
     assert (told.f_number, told.focus_m) == (2.8, 3.0)
     assert told.aperture_error < tagged.aperture_error and told.focus_error == tagged.focus_error
+
+
+@pytest.mark.parametrize("told", [KnownLens(f_number=2.8), KnownLens(focal_mm=50.0)], ids=str)
+def test_a_part_that_is_given_is_completed_by_the_tags(told):
+    tagged = tagged_lens({"FNumber": "2.8", "FocalLength": "50"})
+    whole = told.completed_by(tagged)
+    assert (whole.focal_mm, whole.f_number) == (50.0, 2.8)
+    assert whole.aperture_error == tagged.aperture_error
 
 
 def fitted(tmp_path, rgb, f_number, focus_m=FOCUS_M):

@@ -171,7 +171,9 @@ class FitNode(Node):
     ) -> FoundLens:
         camera = bounds.camera
         known, with_tags = (
-            lens.prior(camera.fx, camera.width, self._unit_m)
+            lens.across(camera.width / camera.fx, camera.height / camera.fy).prior(
+                camera.fx, camera.width, self._unit_m
+            )
             for lens in (self._known, self._with_tags)
         )
         contradiction = ""
