@@ -58,9 +58,10 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
         return FitOutcome(fit=charted, path=settings.save_fit, notes=())
     track = lens_track_pass(settings)
     if track is not None:
+        first = settings.source.frames[0]
         with replacing(settings.save_fit) as partial:
-            partial.write_text(track.to_json())
-        return FitOutcome(fit=track.at(0), path=settings.save_fit, notes=(track.describe(),))
+            partial.write_text(track.to_json(first))
+        return FitOutcome(fit=track.at(first), path=settings.save_fit, notes=(track.describe(),))
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
         others = samples_of_other_frames(settings)

@@ -83,10 +83,10 @@ class FitTrack:
         keys = (replace(key, fit=key.fit.for_width(width, height)) for key in self.keys)
         return replace(self, keys=tuple(keys))
 
-    def to_json(self) -> str:
-        """A `fit.json` with the track; readers without tracks get the first frame's lens."""
+    def to_json(self, first: int = 0) -> str:
+        """A `fit.json` with the track; readers without tracks get the lens of frame `first`."""
         track = {"stretch": self.stretch, "cuts": self.cuts, "keys": [asdict(k) for k in self.keys]}
-        return json.dumps({**json.loads(self.at(0).to_json()), "track": track}, indent=2) + "\n"
+        return json.dumps({**json.loads(self.at(first).to_json()), "track": track}, indent=2) + "\n"
 
     @classmethod
     def load(cls, path: Path) -> FitTrack | None:

@@ -278,6 +278,25 @@ def test_saved_focus_track_reproduces_the_tracking_run(pulled, tmp_path):
         assert len({picture.read_bytes() for picture in pictures}) == 1
 
 
+@pytest.mark.slow
+@pytest.mark.needs_gl
+def test_reported_lens_of_a_followed_focus_is_that_of_the_first_frame_of_the_run(
+    pulled, tmp_path, capsys
+):
+    plate, glb, _ = arguments(pulled)[:3]
+    kept = tmp_path / "fit.json"
+    rest = ("--input-rate", "25", "--range", "30:34")
+    assert main(["fit", plate, glb, str(kept), *rest]) == 0
+    there, track = LensFit.load(kept), FitTrack.load(kept)
+    assert there.intercept == track.at(30).intercept
+    assert abs(there.intercept - track.at(0).intercept) > 1.0
+    capsys.readouterr()
+    result = str(tmp_path / "out_%04d.png")
+    assert main([plate, glb, result, *rest, "--fit", str(kept), "--preset", "draft", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["fit"]
+    assert told["intercept"] == pytest.approx(there.intercept)
+
+
 def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
     kept = shots.fit_json(tmp_path / "fit.json")
     assert FitTrack.load(kept) is None
