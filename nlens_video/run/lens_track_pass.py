@@ -96,7 +96,9 @@ def lens_track_pass(settings: Settings, look: FirstLook | None = None) -> FitTra
     requests = scan.requests
     if len(requests) < 2:
         return None
-    keyframes = _told_changes(tuple(_keyframes(settings, requests)), requests)
+    # a focus that is given is that of one moment, of which nobody says which
+    unfocused = replace(settings, lens=replace(settings.lens, focus_m=None))
+    keyframes = _told_changes(tuple(_keyframes(unfocused, requests)), requests)
     if len(keyframes) < 2:
         return None
     spacing = max(1, round(SPACING_S / seconds))

@@ -297,6 +297,14 @@ def test_reported_lens_of_a_followed_focus_is_that_of_the_first_frame_of_the_run
     assert told["intercept"] == pytest.approx(there.intercept)
 
 
+@pytest.mark.slow
+@pytest.mark.needs_gl
+def test_focus_that_is_given_does_not_hold_a_lens_that_changes(pulled):
+    told = lens_track_pass(settings(parse(arguments(pulled, "--lens", "focus 2m"))))
+    free = lens_track_pass(settings(parse(arguments(pulled))))
+    assert free is not None and told == free
+
+
 def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
     kept = shots.fit_json(tmp_path / "fit.json")
     assert FitTrack.load(kept) is None
