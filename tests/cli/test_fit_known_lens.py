@@ -1,6 +1,7 @@
 """`--lens` on the command line: the fit of a plate that tells little or nothing."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -49,6 +50,28 @@ def test_known_lens_makes_a_fit_more_certain(tmp_path):
         "with what is known of the lens"
         in json.loads((tmp_path / "fit.json").read_text())["method"]
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lens", ["50mm f/{} focus 40m", "50mm f/{}", "focus inf"])
+def test_lens_that_the_plate_contradicts_is_kept_and_the_note_says_what_the_plate_tells(
+    tmp_path, capsys, lens
+):
+    number = words_of_the_lens(8.0).split()[1].removeprefix("f/")
+    code, fit = fitted(tmp_path, shots.plate(), "--lens", lens.format(number))
+    said = "".join(capsys.readouterr())
+    assert code == 0
+    assert "tells nothing" not in fit.method
+    assert fit.intercept == 0.0 or fit.slope == pytest.approx(shots.SLOPE / 8.0, rel=0.1)
+    off, told = re.search(r"--lens lies (\S+) standard .* \(slope (\S+) .* is kept", said).groups()
+    assert float(off) > 3.0
+    assert float(told) == pytest.approx(shots.SLOPE, rel=0.2)
+
+
+@pytest.mark.slow
+def test_lens_that_goes_with_the_plate_has_no_note(tmp_path, capsys):
+    assert fitted(tmp_path, shots.plate(), "--lens", words_of_the_lens())[0] == 0
+    assert "standard errors from" not in "".join(capsys.readouterr())
 
 
 @pytest.mark.slow

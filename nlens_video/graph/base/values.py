@@ -35,7 +35,7 @@ class FoundLens:
 
     Attributes:
         fit: the lens.
-        regression: the fit with its samples; None where a constant CoC stands in for it.
+        regression: the fit with its samples; None where a constant CoC or a known lens stands in.
         warning: why the fit may be wrong; empty for a sound one.
     """
 

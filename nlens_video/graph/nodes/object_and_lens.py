@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,12 +12,12 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
+from nlens_video.graph.nodes.known_lens_fit import fit_with_known
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
 
 if TYPE_CHECKING:
-    from nlens_video.core.known_lens import LensPrior
     from nlens_video.core.layers import CocMap, ObjectLayer, Picture
     from nlens_video.core.settings import SunSettings
     from nlens_video.graph.base.context import NodeContext
@@ -27,9 +26,6 @@ if TYPE_CHECKING:
     from nlens_video.scene.plate_sun import PlateSun
     from nlens_video.video.info import SourceFrame
 
-_CONTRADICTION = (
-    "the metadata's lens does not go with the plate's blur and is left out; --lens gives another"
-)
 _SURE_SHARE = 0.5  # of the whole error: below it most is what the readings leave open
 
 
@@ -176,18 +172,13 @@ class FitNode(Node):
             )
             for lens in (self._known, self._with_tags)
         )
-        contradiction = ""
+        size = camera.width, camera.height
         try:
-            regression = self._fit(plate_coc, ground, frame.index, known, self._others)
-            if with_tags.numbers != known.numbers:
-                if _contradicts(regression.fit, with_tags):
-                    contradiction = _CONTRADICTION
-                else:
-                    regression = self._fit(plate_coc, ground, frame.index, with_tags, self._others)
+            found = fit_with_known(
+                lambda lens: self._fit(plate_coc, ground, frame.index, lens, self._others),
+                known, with_tags, size, frame.index,
+            )  # fmt: skip
         except LensFitError as error:
-            if with_tags.complete:
-                fit = LensFit.of_known(with_tags, camera.width, camera.height, frame.index)
-                return FoundLens(fit=fit, regression=None)
             if not self._fallback_constant:
                 raise
             fit = constant_fit(plate_coc, ground, frame.index)
@@ -195,10 +186,12 @@ class FitNode(Node):
             return FoundLens(
                 fit=fit, regression=None, warning=f"constant CoC instead of a fit: {reason}"
             )
+        if found.regression is None:
+            return found
         middle = 0.5 / bounds.nearest + 0.5 / bounds.farthest if bounds.nearest > 0.0 else 0.0
-        fit = replace(regression.fit, object_disparity=middle)
-        regression = replace(regression, fit=fit)
-        warning = contradiction or _warning(fit, ground)
+        fit = replace(found.fit, object_disparity=middle)
+        regression = replace(found.regression, fit=fit)
+        warning = found.warning or _warning(fit, ground)
         return FoundLens(fit=fit, regression=regression, warning=warning)
 
 
@@ -227,21 +220,6 @@ def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensF
         sign="assumed",
         method="constant CoC: no usable fit, the plate's confident median",
     )
-
-
-def _contradicts(fit: LensFit, known: LensPrior) -> bool:
-    """Whether what is known beforehand lies more than three standard errors off a fit."""
-    slope, focus, intercept = known.numbers
-    apart = []
-    if slope is not None:
-        apart.append((fit.slope - slope.value, fit.slope_stderr, slope.error))
-    if focus is not None:  # what is in focus has no CoC
-        coc_px = fit.slope * focus.value + fit.intercept
-        error = float(fit.coc_stderr_px(focus.value))
-        apart.append((coc_px, error, fit.slope * focus.error))
-    if intercept is not None:
-        apart.append((fit.intercept - intercept.value, fit.intercept_stderr, intercept.error))
-    return any(abs(off) > 3.0 * math.hypot(own, told) for off, own, told in apart)
 
 
 def _warning(fit: LensFit, ground: GroundProjection) -> str:
