@@ -34,6 +34,9 @@ def test_plate_without_any_detail_takes_the_known_lens(tmp_path, capsys):
     assert code == 0
     assert fit.slope == pytest.approx(shots.SLOPE, rel=0.05)
     assert fit.intercept == pytest.approx(shots.INTERCEPT, rel=0.05)
+    said = "".join(capsys.readouterr())
+    assert "the plate tells nothing of its lens; it is that of --lens" in said
+    assert "CoC of the object" in said
 
 
 @pytest.mark.slow

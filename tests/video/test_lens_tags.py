@@ -82,11 +82,14 @@ def fitted(tmp_path, rgb, f_number, focus_m=FOCUS_M):
 
 
 @pytest.mark.slow
-def test_photograph_whose_ground_tells_nothing_takes_the_lens_of_its_metadata(tmp_path):
+def test_photograph_whose_ground_tells_nothing_takes_the_lens_of_its_metadata(tmp_path, capsys):
     code, fit = fitted(tmp_path, shots.grey(), 50.0 / APERTURE_MM)
     assert code == 0
     assert fit.slope == pytest.approx(shots.SLOPE, rel=0.05)
     assert fit.intercept == pytest.approx(shots.INTERCEPT, rel=0.05)
+    said = "".join(capsys.readouterr())
+    assert "the plate tells nothing of its lens; it is that of the metadata" in said
+    assert "CoC of the object" in said
 
 
 @pytest.mark.slow

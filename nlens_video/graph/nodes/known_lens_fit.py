@@ -75,7 +75,8 @@ def _known_in_place(
     if isinstance(alone, LensFitError):
         if not completed.complete:
             raise failure
-        return FoundLens(fit=LensFit.of_known(completed, *size, frame), regression=None)
+        fit = LensFit.of_known(completed, *size, frame)
+        return FoundLens(fit=fit, regression=None, warning=_of_known_alone(given, completed))
     if not completed.complete:
         raise LensFitError(
             f"--lens does not go with the plate, which tells {_words(alone.fit)} without it; "
@@ -87,6 +88,14 @@ def _known_in_place(
     )
     warning = _contradiction(alone.fit, completed, least=0.0)
     return FoundLens(fit=known, regression=None, warning=warning)
+
+
+def _of_known_alone(given: LensPrior, completed: LensPrior) -> str:
+    """A note on whose the lens is, where the plate tells none."""
+    source = "--lens" if given.in_numbers else "the metadata"
+    if given.in_numbers and completed.numbers != given.numbers:
+        source = "--lens and the metadata"
+    return f"the plate tells nothing of its lens; it is that of {source}"
 
 
 def _added(given: LensPrior, completed: LensPrior) -> LensPrior:

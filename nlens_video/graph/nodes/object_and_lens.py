@@ -186,10 +186,10 @@ class FitNode(Node):
             return FoundLens(
                 fit=fit, regression=None, warning=f"constant CoC instead of a fit: {reason}"
             )
-        if found.regression is None:
-            return found
         middle = 0.5 / bounds.nearest + 0.5 / bounds.farthest if bounds.nearest > 0.0 else 0.0
         fit = replace(found.fit, object_disparity=middle)
+        if found.regression is None:
+            return replace(found, fit=fit)
         regression = replace(found.regression, fit=fit)
         warning = found.warning or _warning(fit, ground)
         return FoundLens(fit=fit, regression=regression, warning=warning)
