@@ -132,14 +132,12 @@ class GraphExecutor:
         live: LiveLens | None = None,
         zoom: CameraZoom | None = None,
     ) -> None:
-        self.graph = graph
-        self.profiler = profiler
+        self.graph, self.profiler = graph, profiler
         self.fit = fit.at(0) if isinstance(fit, FitTrack) else fit
         self.shot = ShotValues()
         self._track = fit if isinstance(fit, FitTrack) else None
         self._begins = True
-        self._live = live
-        self._zoom = zoom
+        self._live, self._zoom = live, zoom
         self._frame_box = Box(0, 0, 0, 0)
         self._last: dict[Node, tuple[list[object], object]] = {}
 
@@ -209,8 +207,7 @@ class GraphExecutor:
         state.values.fit = self.fit
         if self._track is not None:
             state.values.fit = self._track.at(state.frame.index)
-            if self._begins:
-                self.fit, self._begins = state.values.fit, False
+            self.fit, self._begins = (state.values.fit if self._begins else self.fit), False
         elif self._live is not None and self.fit is not None:
             self._follow(state, self._live)
         elif self._zoom is not None and self.fit is not None:
