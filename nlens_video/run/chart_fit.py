@@ -24,6 +24,8 @@ from nlens_video.stages.r_samples import FitSamples
 _FRAMES = 8  # of a clip that are measured: more of them add little
 _SEARCHED = 240  # frames within which a marker is expected
 _FEWEST = 8  # parts of edges
+_MOST_ERROR_PX = 3.0  # of the CoC at infinity, where the markers show no slope
+_ONE_DISTANCE = 1.3  # largest by smallest disparity: below it there is about one [1]
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
 _SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
 
@@ -37,7 +39,8 @@ def chart_fit(settings: Settings, side_m: float) -> LensFit:
 
     Raises:
         UsageError: the camera's scale is not known, so that a distance in metres tells nothing.
-        LensFitError: no marker, or too few edges that are not blurred over.
+        LensFitError: no marker, too few edges that are not blurred over, or none that tell how the
+            blur changes with the distance.
     """
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
         view, objects = run_input.session.view, run_input.session.context.objects
@@ -76,7 +79,33 @@ def chart_fit(settings: Settings, side_m: float) -> LensFit:
     size = camera.width, camera.height
     where = f"{len(rows)} parts of markers' edges"
     edges = len(rows) / PARTS
-    return FitLens().of_samples(samples, size, where, first, known, independent=edges).fit
+    fit = FitLens().of_samples(samples, size, where, first, known, independent=edges).fit
+    _check(fit, rows[:, 0], sum(len(part) == 0 for part in parts), len(parts))
+    return fit
+
+
+def _check(fit: LensFit, disparity: Float64, left_out: int, found: int) -> None:
+    """Refuse a lens that holds at the distance of the markers alone.
+
+    Args:
+        fit: the lens.
+        disparity: of the parts of edges it was fitted on (N,) [1 / scene unit].
+        left_out: markers of which no edge could be measured.
+        found: markers, counted anew in each picture.
+
+    Raises:
+        LensFitError: neither the slope nor the CoC at infinity follows from them.
+    """
+    if fit.depends_on_depth or fit.intercept_stderr <= _MOST_ERROR_PX:
+        return
+    where = "do not tell how the blur changes with the distance"
+    if disparity.max() < _ONE_DISTANCE * disparity.min():
+        where = "lie at about one distance only"
+    others = f" ({left_out} of {found} are left out: blurred beyond their border)"
+    raise LensFitError(
+        f"--chart: the markers that can be measured {where}{others if left_out else ''}; put "
+        "markers at two or more distances, larger in the frame, or give the lens by --lens"
+    )
 
 
 def _measured(finder: MarkerFinder, picture: Picture, camera: Camera, side: float) -> list[Float64]:

@@ -54,6 +54,28 @@ def test_lens_is_measured_on_markers_at_several_distances(tmp_path, slope, inter
     assert "parts of markers' edges" in json.loads((tmp_path / "fit.json").read_text())["method"]
 
 
+@pytest.mark.slow
+def test_markers_at_one_distance_are_refused_unless_the_lens_is_known(tmp_path, capsys):
+    slope, intercept = 24.0, -12.0
+    rgb = chart(slope, intercept, [(-0.4, -1.75), (0.4, -1.75)])
+    options = "--chart", f"{SIDE_M}m"
+    assert fitted(tmp_path, rgb, *options)[0] == 5
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "lie at about one distance only" in line and "two or more distances" in line
+    f_number = 50.0 / (1000.0 * slope / FOCAL_PX)
+    code, fit = fitted(tmp_path, rgb, *options, "--lens", f"50mm f/{f_number:.4f} focus 2m")
+    assert code == 0
+    assert (fit.slope, fit.intercept) == pytest.approx((slope, intercept), rel=0.1)
+
+
+@pytest.mark.slow
+def test_sharp_markers_at_several_distances_are_a_lens_without_blur(tmp_path):
+    places = [(-0.35, -1.75), (0.45, -2.0), (-0.5, -2.6), (0.4, -3.0), (-0.6, -3.8)]
+    code, fit = fitted(tmp_path, chart(0.0, 0.0, places), "--chart", f"{SIDE_M}m")
+    assert code == 0
+    assert np.abs(fit.coc_px(np.linspace(0.25, 0.6, 5))).max() < 1.5
+
+
 def test_plate_without_markers_is_refused_in_one_line(tmp_path, capsys):
     code, _ = fitted(tmp_path, shots.plate(), "--chart", "0.2m")
     assert code == 5
