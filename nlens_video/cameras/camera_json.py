@@ -20,7 +20,7 @@ from nlens_video.cameras.solved import (
 from nlens_video.cameras.text import broken_json
 from nlens_video.core.errors import SceneError
 
-_FIRST = "first_frame"
+_FIRST = "first_frame"  # member of the description: index of the first solved frame
 DESCRIPTION = "nlens_video_camera"
 """Member of files of other formats that holds what they have no field for; others pass over it."""
 _W = TypeVar("_W", bound=str)

@@ -120,7 +120,12 @@ def check_camera_name(path: Path) -> None:
 
 
 def lost_in(camera: SolvedCamera, path: Path) -> tuple[str, ...]:
-    """What a file of that name cannot hold of a camera, beyond times and sources."""
+    """What a file of that name cannot hold of a camera, in words; times and sources are left out.
+
+    Args:
+        camera: to be written.
+        path: of the file; its suffix tells the format.
+    """
     if path.suffix.lower() != ".chan":
         return ()
     first = camera.keys[0].index

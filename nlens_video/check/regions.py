@@ -31,7 +31,7 @@ class Track:
         first: index of the first of these frames in the result.
         mask: its blocks on the last of these frames, (h, w).
         frames: index of the frame.
-        area: coverage, in blocks of strong difference [block].
+        area: coverage, in blocks of strong difference, with that of the blocks beside it [block].
         whole: whether it stays clear of the frame's edge.
         sharpness: log of its detail over the plate's gain of detail [1].
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a

@@ -231,7 +231,10 @@ class Stage:
         return replace(view, width=width, height=height, solved=solved)
 
     def _camera(self, settings: Settings) -> SolvedCamera:
-        fov = settings.scene.fov_deg or settings.lens
+        lens = settings.lens
+        fov = settings.scene.fov_deg or (
+            lens.focal_mm, lens.focus_m, lens.sensor_mm, lens.sensor_long_mm
+        )  # fmt: skip
         key = settings.source, settings.scale, fov
         if key not in self._cameras:
             self._cameras.clear()
