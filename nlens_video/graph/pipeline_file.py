@@ -14,6 +14,7 @@ before 1.0 (`[[node]]` tables) are read as well.
 from __future__ import annotations
 
 import inspect
+import math
 import tomllib
 from dataclasses import dataclass, field
 from importlib import resources
@@ -155,13 +156,14 @@ def _spec(entry: object, path: Path) -> NodeSpec:
 
 
 def _check_options(node: type[Node], options: dict[str, object], path: Path) -> None:
-    """See that a node has options of these names and types."""
+    """See that a node has options of these names, types and ranges."""
     parameters = inspect.signature(node.__init__).parameters
     known = {
         name: parameter
         for name, parameter in parameters.items()
         if parameter.kind is inspect.Parameter.KEYWORD_ONLY
     }
+    ranges = {name: (least, most) for name, least, most in node.ranges}
     for name, value in options.items():
         if name not in known:
             raise UsageError(
@@ -174,6 +176,12 @@ def _check_options(node: type[Node], options: dict[str, object], path: Path) -> 
             raise UsageError(
                 f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected "
                 f"{wanted.__name__}"
+            )
+        least, most = ranges.get(name, (-math.inf, math.inf))
+        if isinstance(value, int | float) and not (math.isfinite(value) and least <= value <= most):
+            expected = f"{least:g} to {most:g}" if name in ranges else "a finite number"
+            raise UsageError(
+                f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected {expected}"
             )
 
 

@@ -231,10 +231,8 @@ class Stage:
         return replace(view, width=width, height=height, solved=solved)
 
     def _camera(self, settings: Settings) -> SolvedCamera:
-        lens = settings.lens
-        fov = settings.scene.fov_deg or (
-            lens.focal_mm, lens.focus_m, lens.sensor_mm, lens.sensor_long_mm
-        )  # fmt: skip
+        lens = settings.lens.across(1.0, 1.0)  # any shape will do: it tells lenses apart
+        fov = settings.scene.fov_deg or lens.fov_x_deg
         key = settings.source, settings.scale, fov
         if key not in self._cameras:
             self._cameras.clear()

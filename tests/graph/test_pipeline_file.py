@@ -1,5 +1,7 @@
 """Pipeline files: the current format, the format before 1.0, and errors in one line."""
 
+import inspect
+
 import pytest
 
 from nlens_video.core.errors import UsageError
@@ -86,6 +88,21 @@ def test_optional_input_needs_no_writer(tmp_path):
         (
             '["object-bounds", { node = "fit", whole_plane = 1 }]',
             "'whole_plane' of node 'fit' is 1, expected bool",
+        ),
+        *(
+            (
+                f'["object-bounds", {{ node = "{node}", {option} = {value} }}]',
+                f"'{option}' of node '{node}' is {value}, expected {expected}",
+            )
+            for node, option, value, expected in (
+                ("shadow", "lamp_points", "-3", "1 to 4096"),
+                ("shadow", "ambient_directions", "0", "1 to 4096"),
+                ("measure-motion", "most_moments", "0", "1 to 257"),
+                ("reflect", "most_moments", "5000000", "1 to 257"),
+                ("fit", "anchor_weight", "-1.0", "0 to 1"),
+                ("fit", "anchor_weight", "nan", "0 to 1"),
+                ("lens-sampling", "accuracy_db", "inf", "10 to 100"),
+            )
         ),
         ('[{ node = "render", fallback_for = "sparkle" }]', "'sparkle', which is no node"),
         (
@@ -194,3 +211,10 @@ def test_invalid_file_in_the_format_before_1_0_is_refused(tmp_path, table, messa
 def test_former_node_names_map_to_existing_nodes():
     assert set(FORMER_NAMES.values()) <= set(NODES)
     assert not set(FORMER_NAMES) & set(NODES)
+
+
+def test_defaults_of_options_lie_in_their_ranges():
+    for node in NODES.values():
+        defaults = inspect.signature(node.__init__).parameters
+        for name, least, most in node.ranges:
+            assert least <= defaults[name].default <= most, (node.name, name)

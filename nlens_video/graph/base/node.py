@@ -101,6 +101,7 @@ class Condition:
         return all(value is not None for value in inputs) and self.test(*inputs)
 
 
+LARGEST_MOMENTS = 257  # temporal samples of a frame that an option may ask for [1]
 STEP_PX = 2.0  # CoC difference of neighbours below which overlapping parts look the same [px]
 
 
@@ -152,6 +153,7 @@ class Node:
             and also receives the frames before a range.
         same_with: input ports. Where they hold the very objects of the frame before, the result is
             that frame's too: nothing that the node looks at has moved. Empty if it always runs.
+        ranges: option, least and largest value, for options that are numbers.
 
     Attributes:
         description: method and backend in one phrase, for plans.
@@ -168,6 +170,7 @@ class Node:
     round_only: ClassVar[bool] = False
     stateful: ClassVar[bool] = False
     same_with: ClassVar[tuple[str, ...]] = ()
+    ranges: ClassVar[tuple[tuple[str, float, float], ...]] = ()
     description: str = ""
 
     @property

@@ -31,7 +31,7 @@ from nlens_video.effects.shadow.apply import (
 from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
 from nlens_video.effects.shadow.casters import CasterCache, Casters
-from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.base.node import LARGEST_MOMENTS, Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.scene.patches import Patches
 
@@ -78,6 +78,10 @@ class ShadowNode(Node):
 
     name, writes = "shadow", "shadow"
     effect = SHADOW
+    ranges = (
+        ("lamp_points", 1, 4096), ("ambient_directions", 1, 4096),
+        ("most_moments", 1, LARGEST_MOMENTS),
+    )  # fmt: skip
 
     def __init__(
         self,

@@ -30,7 +30,7 @@ from nlens_video.effects.motion_overscan import (
 )
 from nlens_video.effects.motion_turn import turn_px, turned
 from nlens_video.effects.planner import MOTION_BLUR
-from nlens_video.graph.base.node import Node
+from nlens_video.graph.base.node import LARGEST_MOMENTS, Node
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX, crop_to_frame, object_coc
@@ -48,6 +48,7 @@ class MeasureMotion(Node):
 
     name, writes = "measure-motion", "motion"
     effect = MOTION_BLUR
+    ranges = (("most_moments", 1, LARGEST_MOMENTS),)
 
     def __init__(self, context: NodeContext, *, most_moments: int = MOST_MOMENTS) -> None:
         self._objects, self._shutter = context.objects, context.shutter

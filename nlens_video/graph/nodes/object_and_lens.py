@@ -145,6 +145,7 @@ class FitNode(Node):
 
     name, writes = "fit", "found_lens"
     effect, once, when = DEFOCUS, True, IN_FRAME
+    ranges = (("anchor_weight", 0.0, 1.0),)
 
     def __init__(
         self, context: NodeContext, *, whole_plane: bool = True, anchor_weight: float = 0.1

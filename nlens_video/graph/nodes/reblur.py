@@ -137,6 +137,7 @@ class LensSampling(Node):
     name, writes = "lens-sampling", "blurred"
     effect = DEFOCUS
     same_with = ("defocused", "fit", "frame_box")
+    ranges = (("accuracy_db", 10.0, 100.0),)
 
     def __init__(self, context: NodeContext, *, accuracy_db: float = 50.0) -> None:
         renderer = _renderer(

@@ -10,7 +10,7 @@ from nlens_video.core.layers import DefocusedLayer
 from nlens_video.effects.motion_blur import mean_layer, sampled_count
 from nlens_video.effects.planner import REFLECTION
 from nlens_video.effects.reflection import RenderReflection
-from nlens_video.graph.base.node import Node, Unavailable
+from nlens_video.graph.base.node import LARGEST_MOMENTS, Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.stages.composite import composite_behind
 from nlens_video.stages.l_reblur import object_coc
@@ -29,6 +29,7 @@ class Reflect(Node):
 
     name, writes = "reflect", "reflection"
     effect = REFLECTION
+    ranges = (("most_moments", 1, LARGEST_MOMENTS),)
 
     def __init__(self, context: NodeContext, *, most_moments: int = 9) -> None:
         if context.renderer is None:
