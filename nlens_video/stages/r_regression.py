@@ -105,23 +105,27 @@ class FitLens:
                 "the plate shows no blur on the ground under the object; give --fit FILE.json, "
                 "--effects none, or --fallback constant"
             )
-        covariance = problem.covariance(lens, samples.cluster, independent)
-        sign, margin = _sign(problem, lens, float(np.sqrt(covariance[0, 0])))
+        readings = problem.covariance(lens, samples.cluster, independent)
+        sign, margin = _sign(problem, lens, float(np.sqrt(readings[0, 0])))
+        usual = None
+        if known.usual_slope is not None:
+            # a scene that is not in metres has lenses in use that no frame could show
+            most = LARGEST_AT_INFINITY * width / max(samples.middle, 1e-300)
+            usual = min(known.usual_slope, most), samples.middle
+            if sign == "resolved":
+                whole = with_what_is_open(readings, lens, None, 0.0, *usual)
+                if lens.slope < 2.0 * np.sqrt(whole[0, 0]):
+                    sign = "ambiguous"
         other = problem.of_other_sign(lens) if sign == "ambiguous" else None
         if other is not None and known.prefer is not None:
             sign = "assumed"
             if (lens.focus > other.focus) != (known.prefer == "near"):
-                lens, other = other, lens
-                covariance = problem.covariance(lens, samples.cluster, independent)
-        readings = covariance
-        if known.usual_slope is not None:
+                lens, other, margin = other, lens, 0.0
+                readings = problem.covariance(lens, samples.cluster, independent)
+        covariance = readings
+        if usual is not None:
             chance = 0.5 * max(0.0, 1.0 - margin / RESOLVED_MARGIN) if sign == "ambiguous" else 0.0
-            # a scene that is not in metres has lenses in use that no frame could show
-            most = LARGEST_AT_INFINITY * width / max(samples.middle, 1e-300)
-            usual = min(known.usual_slope, most), samples.middle
             covariance = with_what_is_open(readings, lens, other, chance, *usual)
-            if sign == "resolved" and lens.slope < 2.0 * np.sqrt(covariance[0, 0]):
-                sign = "ambiguous"
         weight = problem.inlier_weight(lens)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         stderr = np.sqrt(np.diag(covariance))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -141,6 +143,32 @@ def test_sign_is_never_resolved_with_a_slope_within_two_errors_of_zero(slope, si
     coc = np.abs(true + rng.normal(0.0, 0.5 * sigma, true.shape)).astype(np.float32)
     fit = FitLens()(CocMap(coc_px=coc, sigma_px=np.full_like(coc, sigma)), plane, known=USUAL).fit
     assert fit.sign != "resolved" or fit.slope >= 2.0 * fit.slope_stderr
+
+
+def ground_of_fine_grain():
+    """Readings whose slope is told by themselves, and not any more with what they leave open."""
+    plane = ground()
+    rng = np.random.default_rng(5)
+    true = 3.0 * np.abs(plane.disparity - 0.2)
+    coc = np.abs(true + rng.normal(0.0, 0.2, true.shape)).astype(np.float32)
+    return CocMap(coc_px=coc, sigma_px=np.full_like(coc, 0.4)), plane
+
+
+def test_lens_that_usual_lenses_leave_open_keeps_the_other_one():
+    coc, plane = ground_of_fine_grain()
+    assert FitLens()(coc, plane).fit.sign == "resolved"
+    fit = FitLens()(coc, plane, known=USUAL).fit
+    assert fit.sign == "ambiguous" and fit.other is not None
+    there = float(np.median(plane.disparity[plane.mask]))
+    assert (fit.slope * there + fit.intercept) * (fit.other[0] * there + fit.other[1]) < 0.0
+
+
+@pytest.mark.parametrize(("prefer", "sign"), [("near", -1.0), ("far", 1.0)])
+def test_preference_decides_where_usual_lenses_leave_the_sign_open(prefer, sign):
+    coc, plane = ground_of_fine_grain()
+    fit = FitLens()(coc, plane, known=replace(USUAL, prefer=prefer)).fit
+    there = float(np.median(plane.disparity[plane.mask]))
+    assert fit.sign == "assumed" and sign * (fit.slope * there + fit.intercept) > 0.0
 
 
 def test_upright_objects_on_the_ground_do_not_bias_the_fit():

@@ -229,7 +229,8 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
         if fit.readings_share < _SURE_SHARE:
             return (
                 "the ground reads about alike at all depths; noise, fine grain or a mirror may "
-                "hide its blur: look whether the object's fits, else give --lens or --prefer"
+                "hide its blur: look whether the object's fits, else give --lens"
+                + (" or --prefer" if fit.sign == "ambiguous" and fit.other is not None else "")
             )
         return ""  # the words of the lens say that it blurs alike at all depths
     if fit.sign == "ambiguous":
