@@ -135,9 +135,14 @@ class LensFit:
             f"coc_px = {with_error(self.slope, self.slope_stderr)} · disparity "
             f"{'-' if self.intercept < 0 else '+'} "
             f"{with_error(abs(self.intercept), self.intercept_stderr)}, in focus at {depth}"
-            f"{self._of_the_object()}; residual {self.rmse_px:.2f} px, sign {self.sign} "
-            f"(margin {self.sign_margin:.2g})"
+            f"{self._of_the_object()}{self._of_the_fit()}"
         )
+
+    def _of_the_fit(self) -> str:
+        """Words on how well the lens fits; on where it is from, if no pixel was fitted."""
+        if self.n == 0:
+            return f"; {self.method}" if self.method else ""
+        return f"; residual {self.rmse_px:.2f} px, sign {self.sign} (margin {self.sign_margin:.2g})"
 
     def _of_the_object(self) -> str:
         """Words on the object's CoC, empty where its depth is not known."""

@@ -58,9 +58,17 @@ def test_lens_is_described_with_the_digits_that_its_error_warrants(slope, error,
 
 def test_lens_is_described_with_the_objects_blur_and_its_error():
     fit = lens(40.0, -6.0, slope_stderr=1.0, intercept_stderr=0.3, object_disparity=0.4)
-    assert "; CoC of the object 10.00 ± 0.50 px; residual" in fit.describe()
+    assert "; CoC of the object 10.00 ± 0.50 px; " in fit.describe()
     unknown = lens(40.0, -6.0, slope_stderr=1.0, intercept_stderr=0.3)
     assert "of the object" not in unknown.describe()
+
+
+def test_lens_says_how_well_it_fits_only_where_pixels_were_fitted():
+    told = {"slope_stderr": 1.0, "rmse_px": 0.31, "sign_margin": 2.0, "method": "by hand"}
+    fitted = lens(40.0, -6.0, n=900, **told).describe()
+    assert fitted.endswith("residual 0.31 px, sign resolved (margin 2)")
+    given = lens(40.0, -6.0, n=0, **told).describe()
+    assert given.endswith("; by hand") and "residual" not in given
 
 
 def test_lens_of_the_other_sign_is_kept_in_the_file_and_scaled():
