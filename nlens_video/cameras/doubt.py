@@ -19,6 +19,7 @@ _PATH = (
     "--range to leave out the frames that are crossed",
     "--range to `nlens-video solve` to leave out the frames that are crossed",
 )
+_GIVEN = "another --fov DEG or none", "another --fov DEG or none to `nlens-video solve`"
 _FILE = "--camera-from CAMERA", "another --camera-from CAMERA"
 
 
@@ -70,6 +71,10 @@ def doubt(solved: SolvedCamera, *, from_file: bool = False) -> str:
         found.append(f"its pitch is a guess, {round(pitch)} ± {errors.pitch_deg:.0f} degrees")
     if found:
         remedies.append(_GROUND)
+    if solved.fov_told_deg is not None:
+        told = with_error(*solved.fov_told_deg)
+        found.append(f"its movement tells a field of view of {told} degrees, not {fov:.3g}")
+        remedies.append(_GIVEN)
     off = solved.reprojection_px
     # Before a still camera that says what moves, not where the camera is.
     if solved.path in ("rotation", "moving") and off is not None and off > _BESIDE * solved.width:

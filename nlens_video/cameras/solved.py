@@ -100,6 +100,8 @@ class SolvedCamera:
         points: points of the scene that were solved with it (N, 3), None without; of scene files,
             not of `camera.json` [scene unit].
         pixel_aspect: width of a pixel by its height, > 0 [1].
+        fov_told_deg: field of view that the movement tells and its standard error, where that
+            contradicts a given one, which is kept; not of `camera.json` [deg].
     """
 
     width: int
@@ -119,6 +121,7 @@ class SolvedCamera:
     reprojection_px: float | None = None
     points: Float64 | None = None
     pixel_aspect: float = 1.0
+    fov_told_deg: tuple[float, float] | None = None
 
     @property
     def aspect(self) -> float:

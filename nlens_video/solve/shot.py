@@ -22,13 +22,21 @@ from nlens_video.solve.focal import (
     turned_segments,
 )
 from nlens_video.solve.paths.bundle import Bundle
+from nlens_video.solve.paths.given_focal import told_against, without_fov
 from nlens_video.solve.paths.joining import Joined, parts_of
 from nlens_video.solve.paths.moving import Part, PartSolver, bundle_turn, with_focal
 from nlens_video.solve.paths.moving_areas import beside_areas, moving_areas
 from nlens_video.solve.paths.standing_planes import standing_planes
 from nlens_video.solve.paths.turn_axis import TurningPrior, turn_axis
 from nlens_video.solve.points.observations import Observations
-from nlens_video.solve.sources import FOV_MEASURED, fov_of_focal, method_of, with_sources
+from nlens_video.solve.sources import (
+    FOV_MEASURED,
+    errors_of_path,
+    fov_of_focal,
+    fov_with_error,
+    method_of,
+    with_sources,
+)
 from nlens_video.solve.still.ground_blur import GroundBlur, fit_ground_blur
 from nlens_video.solve.still.picture_cue import PictureCue
 from nlens_video.solve.still.prior import FOCAL_PRIOR, CameraPrior
@@ -44,7 +52,6 @@ EYE_HEIGHT = 1.6
 _FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
 _STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
 _POOLED, _EVERY_OTHER = 6, 2  # pictures whose lines are pooled, at most; of a path's, for time
-_GROUND_ERROR_DEG = 0.5
 
 
 @dataclass(slots=True)
@@ -76,6 +83,7 @@ class ShotSolver:
     _lines: Segments | None = None
     _pictures: dict[int, npt.NDArray[np.uint8]] = field(default_factory=dict)
     _apart: int = 1
+    _told: tuple[float, float] | None = None  # against the given field of view, and its error [deg]
 
     @property
     def seen(self) -> Observations:
@@ -130,10 +138,12 @@ class ShotSolver:
         solver = PartSolver(self.seen, self.size, self.first)
         joined, error = None, 0.0
         for keyframes in parts_of(self._tracker.steps_px, self.size[0], self.every):
-            # The focal length of its first frame, which is another one behind a zoom.
             known = focal
-            if joined is not None and joined.last.zooms:
+            if joined is not None and joined.last.zooms:  # its first frame has another one
                 known = joined.zoomed_focal_px(keyframes[0])
+            if joined is None and known is not None:
+                told = told_against(solver, keyframes, known, FOV_MEASURED)
+                self._told = told and fov_with_error(*told)
             part = self._part(solver, keyframes, known)
             if joined is None:
                 joined, error = Joined.begun(part), part.focal_error
@@ -158,9 +168,8 @@ class ShotSolver:
             if isinstance(again, Part):
                 return replace(again, focal_error=math.sqrt(still.covariance[2, 2]))
             return found
-        zooms = float(np.ptp(found.focals_px)) > 0.0
         error = 0.0 if focal_px is not None else solver.focal_error(found)
-        if error > min(_FOV_KNOWN, self._focal_prior()[1]) and not zooms:
+        if error > min(_FOV_KNOWN, self._focal_prior()[1]) and not found.zooms:
             found, error = self._with_focal(keyframes, found, error)
         return solver.moving(keyframes, found, error)
 
@@ -232,14 +241,12 @@ class ShotSolver:
     def _turning(self, path: Joined, error: float) -> SolvedCamera:
         width = self.size[0]
         place = {frame: n for n, frame in enumerate(path.frames)}
-        first = path.poses[0][:3, :3]
+        turns = np.array([pose[:3, :3] for pose in path.poses])
+        first = turns[0]
         turned = {
-            frame: first.T @ path.poses[place[frame]][:3, :3]
-            for frame in self._pictures
-            if frame in place
+            frame: first.T @ turns[place[frame]] for frame in self._pictures if frame in place
         }
         focal = path.focals_px[0] / width
-        turns = np.array([pose[:3, :3] for pose in path.poses])
         prior = TurningPrior(
             (math.log(focal), max(error, 1e-3)), *self._cues(),
             turn_axis(first.T @ turns),
@@ -250,21 +257,18 @@ class ShotSolver:
         horizon = Mixture(lines, self.size, prior).solve()
         errors = np.sqrt(np.diag(horizon.covariance))
         errors[2] = max(error, 1e-3)
-        poses = []
-        for pose in path.poses:
-            level = horizon.pose(EYE_HEIGHT)
-            level[:3, :3] = level[:3, :3] @ first.T @ pose[:3, :3]
-            poses.append(level)
+        poses = np.repeat(horizon.pose(EYE_HEIGHT)[None], len(turns), axis=0)
+        poses[:, :3, :3] = poses[:, :3, :3] @ first.T @ turns
         return self._outcome(
-            path.frames, poses, [one / width for one in path.focals_px], errors, path="rotation",
-            method=method_of("rotation, vanishing points", prior),
+            path.frames, list(poses), [one / width for one in path.focals_px], errors,
+            path="rotation", method=method_of("rotation, vanishing points", prior),
         )  # fmt: skip
 
     def _moving(self, path: Joined, error: float) -> SolvedCamera:
         poses = np.array(path.poses)
         ground = fit_ground(path.ground, poses[: path.ground_frames])
         if ground is None:
-            advice = "leave --fov out, or " if self.known and self.known.given else ""
+            advice = without_fov(self._told) if self.known and self.known.given else ""
             raise InputError(
                 f"the camera's path is solved, but no ground is found among {len(path.ground)} "
                 f"points: expected a plane below the camera; {advice}give --camera-from"
@@ -273,12 +277,7 @@ class ShotSolver:
         scale = float(np.cbrt(np.linalg.det(level[:3, :3])))
         turned = level @ poses
         turned[:, :3, :3] /= scale
-        # A focal length that is off stretches the scene along the axis, and tilts its ground.
-        tilt = 0.5 * abs(math.sin(2.0 * math.asin(float(turned[0, 1, 2])))) * error
-        errors = np.array([
-            math.hypot(math.radians(_GROUND_ERROR_DEG), tilt), math.radians(_GROUND_ERROR_DEG),
-            max(error, 1e-3),
-        ])  # fmt: skip
+        errors = errors_of_path(math.asin(float(turned[0, 1, 2])), max(error, 1e-3))
         camera = self._outcome(
             path.frames, list(turned), [one / self.size[0] for one in path.focals_px], errors,
             path="moving", method="structure from motion",
@@ -297,4 +296,5 @@ class ShotSolver:
             )
             for frame, pose, focal in zip(frames, poses, focals, strict=True)
         )  # fmt: skip
-        return with_sources(self.size, keys, errors, self.known, path=path, method=method)
+        camera = with_sources(self.size, keys, errors, self.known, path=path, method=method)
+        return replace(camera, fov_told_deg=self._told)

@@ -17,6 +17,7 @@ _PITCH_MEASURED, _ROLL_MEASURED = math.radians(4.0), math.radians(1.5)
 _UNKNOWN = np.array([
     math.radians(CameraErrors().pitch_deg), math.radians(CameraErrors().roll_deg), FOCAL_PRIOR[1],
 ])  # fmt: skip
+_GROUND_ERROR = math.radians(0.5)  # of a plane through a path's points
 _FINER = 0.6  # of the error that a tag has: smaller ones are measured [1]
 
 
@@ -67,6 +68,25 @@ def with_sources(
 def fov_of_focal(focal: float) -> float:
     """Field of view across the frame [deg] of a focal length by its width [1]."""
     return 2.0 * math.degrees(math.atan(0.5 / focal))
+
+
+def errors_of_path(pitch: float, focal_error: float) -> Float64:
+    """Errors of pitch, roll [rad] and focal length (3,) [1] of a path whose ground has points.
+
+    A focal length that is off stretches the scene along the axis, and tilts its ground.
+
+    Args:
+        pitch: of the first camera, down or up [rad].
+        focal_error: relative error of the focal length [1].
+    """
+    tilt = 0.5 * abs(math.sin(2.0 * pitch)) * focal_error
+    return np.array([math.hypot(_GROUND_ERROR, tilt), _GROUND_ERROR, focal_error])
+
+
+def fov_with_error(focal: float, error: float) -> tuple[float, float]:
+    """Field of view and its error [deg] of a focal length by the width and its relative one [1]."""
+    fov = fov_of_focal(focal)
+    return fov, math.degrees(math.sin(math.radians(fov)) * error)
 
 
 def method_of(lines: str, prior: CameraPrior) -> str:

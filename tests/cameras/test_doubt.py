@@ -101,3 +101,9 @@ def test_camera_of_a_file_that_states_no_errors_is_not_called_measured():
     line = what_was_found(camera(errors=CameraErrors(), path="moving"))
     assert "field of view 50 degrees, pitch 0.0, path moving; its file does not say how" in line
     assert "measured" not in line
+
+
+def test_given_field_of_view_that_the_movement_contradicts_is_doubted():
+    line = doubt(camera(fov="metadata", path="moving", fov_told_deg=(45.13, 0.42)))
+    assert "its movement tells a field of view of 45.13 ± 0.42 degrees, not 50" in line
+    assert line.endswith("; give another --fov DEG or none, or --camera-from CAMERA")

@@ -56,6 +56,16 @@ def test_walk_is_solved_with_the_ground_below_it(files, tmp_path):
     assert np.degrees(np.arcsin(up[2])) == pytest.approx(20.0, abs=1.0)
 
 
+def test_field_of_view_that_the_movement_contradicts_is_kept_with_a_note(files, tmp_path):
+    camera, run = solved(files, "pan.mkv", tmp_path, "--fov", "48")
+    assert camera["frames"][0]["fov_x_deg"] == pytest.approx(48.0, abs=0.01)
+    assert re.search(
+        r"note .* its movement tells a field of view of (50|49\.\d+) .*, not 48", run.stderr
+    )
+    _, run = solved(files, "pan.mkv", tmp_path, "--fov", "50", "-y")
+    assert "its movement tells" not in run.stderr
+
+
 def test_report_shows_the_ground_and_what_the_camera_was_found_from(files, tmp_path):
     camera, _ = solved(files, "pan.mkv", tmp_path, "--report", tmp_path / "page")
     text = (tmp_path / "page" / "index.html").read_text()

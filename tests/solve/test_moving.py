@@ -16,12 +16,25 @@ KEYFRAMES = FRAMES[::3] + FRAMES[-1:]
 FOV_DEG = 52.0
 
 
-def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0, way=1.0, sway=0.0):
-    """Observations of a camera that walks over a ground with things on it, poses, focal lengths."""
+def walk(
+    turning=1.0,
+    zoom=1.0,
+    walkers=0,
+    distortion=0.0,
+    way=1.0,
+    sway=0.0,
+    things=200,
+    noise_px=0.1,
+    drift_px=0.0,
+):
+    """Observations of a camera that walks over a ground with things on it, poses, focal lengths.
+
+    Points of the lower part of the frame are seen below their place, in the end by `drift_px`.
+    """
     rng = np.random.default_rng(5)
     ground = np.column_stack([rng.uniform(-4, 4, 500), np.zeros(500), rng.uniform(-10, 0, 500)])
     things = np.column_stack(
-        [rng.uniform(-3, 3, 200), rng.uniform(0, 1, 200), rng.uniform(-9, -1, 200)]
+        [rng.uniform(-3, 3, things), rng.uniform(0, 1, things), rng.uniform(-9, -1, things)]
     )
     people = np.column_stack(
         [rng.uniform(-1, 0, walkers), rng.uniform(0, 1.5, walkers), np.full(walkers, -2.0)]
@@ -45,7 +58,8 @@ def walk(turning=1.0, zoom=1.0, walkers=0, distortion=0.0, way=1.0, sway=0.0):
         middle = np.array(SIZE) / 2.0
         square = (((pixels - middle) / focal) ** 2).sum(axis=1, keepdims=True)
         pixels = middle + (pixels - middle) * (1.0 + distortion * square)
-        frames.append((pixels + rng.normal(0.0, 0.1, pixels.shape), seen))
+        pixels[:, 1] += drift_px * share**2 * (pixels[:, 1] > 0.7 * SIZE[1])
+        frames.append((pixels + rng.normal(0.0, noise_px, pixels.shape), seen))
     return observed(frames), np.array(poses), np.array(focals)
 
 
@@ -164,6 +178,27 @@ def test_straight_path_without_a_turn_does_not_tell_the_field_of_view():
     seen, _, _ = walk(turning=0.0)
     solver = PartSolver(seen, SIZE)
     assert solver.focal_error(solver.solve(KEYFRAMES, None)) > 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("given", "turning"), [(None, 1.0), (None, 0.5), (FOV_DEG, 0.5)])
+def test_path_over_even_ground_alone_is_found(given, turning):
+    seen, poses, focals = walk(things=0, way=0.6, turning=turning)
+    solver = PartSolver(seen, SIZE)
+    bundle = solver.solve(KEYFRAMES, None if given is None else focal_of(given))
+    assert bundle.focals_px == pytest.approx(focal_of(FOV_DEG), rel=0.01)
+    assert bundle.unexplained_px < 0.2
+    assert followed_px(solver.moving(KEYFRAMES, bundle, 0.0), poses, focals) < 0.3
+
+
+@pytest.mark.slow
+def test_error_of_the_field_of_view_covers_what_tracks_of_a_region_err_alike():
+    at_random = PartSolver(walk(things=0, way=0.6, turning=0.5, noise_px=0.02)[0], SIZE)
+    assert at_random.solve(KEYFRAMES, None).focal_error() < 0.004
+    seen, _, _ = walk(things=0, way=0.6, turning=0.5, noise_px=0.02, drift_px=0.6)
+    bundle = PartSolver(seen, SIZE).solve(KEYFRAMES, None)
+    off = abs(math.log(float(np.median(bundle.focals_px)) / focal_of(FOV_DEG)))
+    assert 0.008 < off < 3.0 * bundle.focal_error()
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from nlens_video.core.layers import Float64
 from nlens_video.solve.paths.bundle import Bundle, bundle_of, turn_error
 from nlens_video.solve.paths.mapping import map_keyframes
 from nlens_video.solve.paths.narrow import narrow_bundles
+from nlens_video.solve.paths.plane import plane_bundles
 from nlens_video.solve.paths.rotation import (
     RotationPath,
     point_directions,
@@ -155,6 +156,7 @@ class PartSolver:
         found = []
         if structure is not None:
             found.append(bundle_of(structure, table, self.size, count).adjusted(focal=free))
+        found += plane_bundles(table, count, self.size, focal_px)
         if narrow and not any(one.believed().mean() > _EXPLAINED for one in found):
             found += narrow_bundles(table, count, self.size, focal_px)
         if found:
@@ -202,7 +204,6 @@ class PartSolver:
         import pycolmap
 
         solved = bundle.solved
-        zooms = float(np.ptp(bundle.focals_px)) > 0.0
         focal_at = _between([keyframes[n] for n in solved], bundle.focals_px[solved])
         kept = np.flatnonzero(np.isfinite(bundle.points[:, 0]))
         world, names = bundle.points[kept], bundle.table.names[kept]
@@ -231,7 +232,7 @@ class PartSolver:
             kind="moving", frames=frames, poses=np.array([poses[frame] for frame in frames]),
             focals_px=np.array([focal_at(frame) for frame in frames]),
             focal_error=focal_error, names=names, points=world,
-            residual_px=bundle.residual_px, zooms=zooms, turn=bundle_turn(bundle),
+            residual_px=bundle.residual_px, zooms=bundle.zooms, turn=bundle_turn(bundle),
             distortion=bundle.distortion,
         )  # fmt: skip
 
