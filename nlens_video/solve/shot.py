@@ -49,7 +49,7 @@ Cue = Literal["lines", "blur", "picture"]
 CUES: tuple[Cue, ...] = ("lines", "blur", "picture")
 EYE_HEIGHT = 1.6
 """Height of the first camera above the ground where no scale is known [scene unit]."""
-_FOV_KNOWN = 0.015  # standard error of a focal length that the next parts take over [1]
+_FOV_KNOWN = 0.015  # error of a focal length by noise that the next parts take over [1]
 _STRAIGHT = math.radians(1.0)  # turn of a path whose pictures share their vanishing points
 _POOLED, _EVERY_OTHER = 6, 2  # pictures whose lines are pooled, at most; of a path's, for time
 
@@ -136,25 +136,23 @@ class ShotSolver:
         # What the user gives is kept; a tag, which knows no crop, yields to a better measurement.
         focal = self.known.focal * self.size[0] if self.known and self.known.given else None
         solver = PartSolver(self.seen, self.size, self.first)
-        joined, error = None, 0.0
+        joined = None
         for keyframes in parts_of(self._tracker.steps_px, self.size[0], self.every):
             known = focal
             if joined is not None and joined.last.zooms:  # its first frame has another one
                 known = joined.zoomed_focal_px(keyframes[0])
-            if joined is None and known is not None:
-                told = told_against(solver, keyframes, known, FOV_MEASURED)
+            if joined is None and focal is not None:
+                told = told_against(solver, keyframes, focal, FOV_MEASURED)
                 self._told = told and fov_with_error(*told)
             part = self._part(solver, keyframes, known)
             if joined is None:
                 joined, error = Joined.begun(part), part.focal_error
             else:
                 joined.add(part)
-            if focal is None and part.focal_error < _FOV_KNOWN and not part.zooms:
+            if focal is None and part.focal_noise < _FOV_KNOWN and not part.zooms:
                 focal = float(np.median(part.focals_px))
         assert joined is not None
-        if joined.depth is None:
-            return self._turning(joined, error)
-        return self._moving(joined, error)
+        return self._moving(joined, error) if joined.depth else self._turning(joined, error)
 
     def _part(self, solver: PartSolver, keyframes: list[int], focal_px: float | None) -> Part:
         """A part of the shot, with a focal length from lines where its path tells none."""
@@ -166,12 +164,13 @@ class ShotSolver:
             still = self._horizon(self.segments, product(prior, self._focal_prior()))
             again = solver.solve(keyframes, math.exp(still.log_focal) * self.size[0])
             if isinstance(again, Part):
-                return replace(again, focal_error=math.sqrt(still.covariance[2, 2]))
+                error = math.sqrt(still.covariance[2, 2])
+                return replace(again, focal_error=error, focal_noise=error)
             return found
-        error = 0.0 if focal_px is not None else solver.focal_error(found)
+        error, noise = (0.0, 0.0) if focal_px is not None else solver.focal_errors(found)
         if error > min(_FOV_KNOWN, self._focal_prior()[1]) and not found.zooms:
             found, error = self._with_focal(keyframes, found, error)
-        return solver.moving(keyframes, found, error)
+        return solver.moving(keyframes, found, error, min(error, noise))
 
     def _with_focal(self, keyframes: list[int], path: Bundle, error: float) -> tuple[Bundle, float]:
         """A path with the focal length that its scene tells, and its error [1]."""

@@ -5,6 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from support import grounds
+from support.camera_paths import rotation
 
 from nlens_video.core.errors import InputError
 from nlens_video.solve.paths.joining import Joined, parts_of
@@ -61,11 +63,29 @@ def test_short_shot_is_one_part():
 def test_next_part_of_a_turn_that_zooms_takes_over_its_focal_length():
     part = Part(
         kind="rotation", frames=[4, 5, 6], poses=np.tile(np.eye(4), (3, 1, 1)),
-        focals_px=np.array([900.0, 950.0, 1000.0]), focal_error=0.01, names=np.arange(1),
-        points=np.array([[0.0, 0.0, -1.0]]), residual_px=0.1, zooms=True, turn=0.1,
+        focals_px=np.array([900.0, 950.0, 1000.0]), focal_error=0.01, focal_noise=0.01,
+        names=np.arange(1), points=np.array([[0.0, 0.0, -1.0]]), residual_px=0.1, zooms=True,
+        turn=0.1,
     )  # fmt: skip
     assert Joined.begun(part).zoomed_focal_px(5) == 950.0
     assert Joined.begun(replace(part, zooms=False)).zoomed_focal_px(5) is None
+
+
+@pytest.mark.slow
+def test_parts_of_a_walk_over_even_ground_share_a_focal_length_however_unsure_it_is():
+    poses = [
+        (rotation(np.radians(4 - 0.7 * n), np.radians(-20), 0.01), (0.06 * n, 1.5, -0.05 * n))
+        for n in range(26)
+    ]
+    solver = ShotSolver(size=grounds.SIZE, lines=False, every=1)
+    for n, picture in enumerate(grounds.pictures(poses)):
+        solver.add(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), n / 24)
+    solved = solver.solve()
+    assert len(parts_of([0.0] + [20.0] * 25, grounds.SIZE[0], 1)) > 1
+    assert solved.errors.fov_deg > 0.5
+    fovs = [key.fov_x_deg for key in solved.keys]
+    assert len(fovs) == 26 and fovs == pytest.approx([fovs[0]] * 26, abs=1e-6)
+    assert abs(fovs[0] - grounds.FOV_DEG) < 2.0 * solved.errors.fov_deg
 
 
 def test_lines_of_what_moves_before_a_still_camera_are_left_out():

@@ -48,7 +48,7 @@ def test_error_of_the_focal_length_is_told_by_points_that_stay_before_the_camera
         return replace(self, points=points)
 
     monkeypatch.setattr(Bundle, "adjusted", adjusted)
-    assert math.isfinite(bundle().focal_error()) == finite
+    assert math.isfinite(bundle().focal_noise()) == finite
 
 
 @pytest.mark.parametrize("unknown", [math.nan, math.inf])

@@ -194,13 +194,8 @@ class Bundle:
         shows = abs(corner) * half > _BENT_PX and 1.0 + 3.0 * corner > 0.0
         return found if shows and found.cost(used) < _BENT_GAIN * self.cost(used) else self
 
-    def focal_error(self) -> float:
-        """Standard error of the focal length, by noise and by errors that neighbours share [1]."""
-        noise = self._error_by_noise()
-        return noise if math.isinf(noise) else math.hypot(noise, self._error_by_regions())
-
-    def _error_by_noise(self) -> float:
-        """Standard error if observations err by themselves, from two adjustments beside it [1].
+    def focal_noise(self) -> float:
+        """Standard error of the focal length by noise, from two adjustments beside it [1].
 
         Where the path does not tell the focal length, as on a straight line without a turn, both
         cost next to nothing and the error is large. It is infinite where they lose half of what
@@ -220,12 +215,12 @@ class Bundle:
         rise = max(0.5 * (low + high) - here, 1e-9) / max(spread, 1e-9)
         return _TRIED / math.sqrt(rise)
 
-    def _error_by_regions(self) -> float:
-        """Standard error by a delete-one jackknife over regions of the picture [1].
+    def focal_bias(self) -> float:
+        """Standard error of the focal length by what neighbouring points err alike [1].
 
-        Tracks of one region err alike, as a patch of ground comes nearer and its pattern is seen
-        at another slant; residuals do not show it. On even ground that a camera hardly turns over,
-        hundredths of a pixel change the focal length by several percent.
+        As a patch of ground comes nearer its pattern is seen at another slant, and residuals do not
+        show what that shifts. On even ground that a camera hardly turns over, hundredths of a pixel
+        change the focal length by several percent. A delete-one jackknife over regions.
         """
         used = self.believed()
         regions = self._regions(used)

@@ -37,7 +37,7 @@ def told_against(
     apart = abs(math.log(told / focal_px))
     if apart <= _MOST_ERRORS * _NOMINAL:  # no error makes it more than three
         return None
-    error = found.focal_error if isinstance(found, Part) else solver.focal_error(found)
+    error = found.focal_error if isinstance(found, Part) else solver.focal_errors(found)[0]
     if error > largest_error or apart <= _MOST_ERRORS * math.hypot(error, _NOMINAL):
         return None
     return told / solver.size[0], error

@@ -51,6 +51,7 @@ class Part:
         poses: world-from-camera matrices (F, 4, 4), glTF's camera axes.
         focals_px: focal lengths (F,) [px].
         focal_error: standard error of the focal length [1].
+        focal_noise: its part by noise: what other parts would differ by [1].
         names: points that are solved (P,).
         points: their positions (P, 3), those of a rotation at distance 1.
         residual_px: median distance of an observation from its point [px].
@@ -64,6 +65,7 @@ class Part:
     poses: Float64
     focals_px: Float64
     focal_error: float
+    focal_noise: float
     names: Ints
     points: Float64
     residual_px: float
@@ -193,13 +195,16 @@ class PartSolver:
                 focals.append(focal)
         turn = _largest_turn(path.rotations)
         floor = turn_error(turn, path.focals_px[0] / self.size[0]) if path.focal_error else 0.0
+        error = math.hypot(path.focal_error, floor)
         return Part(
             kind="rotation", frames=frames, poses=np.array(poses), focals_px=np.array(focals),
-            focal_error=math.hypot(path.focal_error, floor), names=table.names, points=directions,
+            focal_error=error, focal_noise=error, names=table.names, points=directions,
             residual_px=path.residual_px, zooms=zooms, turn=turn,
         )  # fmt: skip
 
-    def moving(self, keyframes: list[int], bundle: Bundle, focal_error: float) -> Part:
+    def moving(
+        self, keyframes: list[int], bundle: Bundle, focal_error: float, focal_noise: float
+    ) -> Part:
         """A path's part: the frames between the keyframes by resection."""
         import pycolmap
 
@@ -231,15 +236,16 @@ class PartSolver:
         return Part(
             kind="moving", frames=frames, poses=np.array([poses[frame] for frame in frames]),
             focals_px=np.array([focal_at(frame) for frame in frames]),
-            focal_error=focal_error, names=names, points=world,
+            focal_error=focal_error, focal_noise=focal_noise, names=names, points=world,
             residual_px=bundle.residual_px, zooms=bundle.zooms, turn=bundle_turn(bundle),
             distortion=bundle.distortion,
         )  # fmt: skip
 
-    def focal_error(self, bundle: Bundle) -> float:
-        """Standard error of a path's focal length [1]."""
+    def focal_errors(self, bundle: Bundle) -> tuple[float, float]:
+        """Standard error of a path's focal length, and its part by noise and turn [1]."""
         focal = float(np.median(bundle.focals_px)) / self.size[0]
-        return math.hypot(bundle.focal_error(), turn_error(bundle_turn(bundle), focal))
+        noise = math.hypot(bundle.focal_noise(), turn_error(bundle_turn(bundle), focal))
+        return (math.hypot(noise, bundle.focal_bias()) if math.isfinite(noise) else noise), noise
 
     def _why(self, keyframes: list[int]) -> str:
         """Why a part cannot be solved, and where."""
