@@ -138,11 +138,13 @@ def sets(attribute: str, words: Sequence[str]) -> bool:
 
 
 def _attributes(word: str) -> set[str]:
-    """Attributes that a word of a command line may set: options can be abbreviated."""
+    """Attributes that a word of a command line may set: an option can be abbreviated."""
     name = word.partition("=")[0]
     if not name.startswith("--"):
         return set()
-    return {row.attribute for row in ROWS if any(flag.startswith(name) for flag in row.flags)}
+    whole = {row.attribute for row in ROWS if name in row.flags}
+    begun = (row for row in ROWS if any(flag.startswith(name) for flag in row.flags))
+    return whole or {row.attribute for row in begun}
 
 
 def read_tables(path: Path) -> Tables:

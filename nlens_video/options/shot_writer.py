@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from nlens_video.options.option import Option
+from nlens_video.options.readers import pattern
 from nlens_video.options.shot_file import (
     LISTS,
     TABLES,
@@ -21,7 +22,7 @@ from nlens_video.options.shot_file import (
 from nlens_video.options.shot_objects import LISTED, Tables, is_listed
 from nlens_video.options.toml_words import is_number, parsed_toml, table_of, word_of
 from nlens_video.video.atomic_files import replacing
-from nlens_video.video.named_files import local_path
+from nlens_video.video.named_files import NamedFiles, local_path
 
 
 def save(path: Path, given: argparse.Namespace) -> None:
@@ -150,9 +151,11 @@ def _plain(word: str) -> object:
 
 def _named_from(row: Option, word: str, path: Path) -> str:
     place = place_of(row, word)
-    if place is None or (row.files[0].role == "reads" and not place.exists()):
+    if place is None:
         return word
-    return _from_folder(place, path)
+    files = NamedFiles(Path(pattern(str(place))))
+    is_there = row.files[0].role != "reads" or any(True for _ in files.existing())
+    return _from_folder(place, path) if is_there else word
 
 
 def _beside(name: str, path: Path) -> str:

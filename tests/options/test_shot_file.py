@@ -82,6 +82,26 @@ def test_options_after_a_shot_file_win(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("option", "kept"),
+    [
+        ("--animation=1", ("animation_speed", 0.5)),
+        ("--at=0.5,0.9", ("at_frame", 3)),
+        ("--env=studio", ("env_exposure", 1.0)),
+        ("--fit=lens.json", ("fit_region", "0,0.5,1,1")),
+    ],
+)
+def test_option_after_a_shot_file_leaves_those_whose_names_begin_alike(tmp_path, option, kept):
+    text = WHOLE.replace("at =", "at-frame = 3\nat =").replace(
+        "loop =", "animation-speed = 0.5\nloop ="
+    )
+    text += '[light]\nenv-exposure = 1.0\n[lens]\nfit-region = "0,0.5,1,1"\n'
+    attribute, value = kept
+    before = getattr(parse([shot(tmp_path, text)]), attribute)
+    assert before is not None
+    assert getattr(parse([shot(tmp_path, text), option]), attribute) == before
+
+
+@pytest.mark.parametrize(
     "words",
     [["look.png", "--frame", "7"], ["--frame", "7", "look.png"], ["-q", "look.png", "--frame=7"]],
 )
@@ -108,6 +128,23 @@ def test_fit_and_farm_take_from_a_shot_file_what_they_have_options_for(tmp_path)
     fitted = parse(["fit", shot(tmp_path, text), "fit.json", "--fallback", "constant"])
     assert (fitted.save_fit, fitted.fallback) == (Path("fit.json"), "constant")
     assert parse(["farm", shot(tmp_path, text), "--workers", "1"]).preset == "draft"
+
+
+def test_numbered_files_that_are_read_are_named_from_the_shots_folder(tmp_path, monkeypatch):
+    for name in ("p_0001.png", "m_0001.png", "z_0001.exr", "anim.glb"):
+        (tmp_path / name).touch()
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shots").mkdir()
+    words = ["p_%04d.png", "anim.glb", "o_%04d.png", "--holdout", "m_%04d.png"]
+    content = saved(words, tmp_path / "shots" / "a.toml")
+    assert content["plate"]["file"] == "../p_%04d.png"
+    assert content["effects"]["holdout"] == "../m_%04d.png"
+    hashes = ["p_####.png", "anim.glb", "o.png", "--layers", "z_####.exr"]
+    content = saved(hashes, tmp_path / "shots" / "b.toml")
+    assert content["plate"]["file"].startswith("../p_")
+    assert content["object"]["layers"].startswith("../z_")
+    absent = ["q_%04d.png", "anim.glb", "o.png"]
+    assert saved(absent, tmp_path / "shots" / "c.toml")["plate"]["file"] == "q_%04d.png"
 
 
 def test_saved_shot_file_means_the_same(tmp_path, monkeypatch):
