@@ -20,7 +20,7 @@ from nlens_video.cameras.placed import default_placement, place_on_ground
 from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.cli.placement_choices import Choice, choices, choices_on_ground
-from nlens_video.core.errors import InputError, OutputError, SceneError, UsageError
+from nlens_video.core.errors import InputError, SceneError, UsageError
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.placement import (
     ASSUMED_FOCAL_MM,
@@ -148,9 +148,9 @@ def write_contact_sheet(
         vertices, contact_point(vertices, objects.ground_y), plate, focal, solved, time_s, grid
     )
     sheet = _drawn(scene, stand, shown, options)
+    _, encoded = cv2.imencode(output.suffix, sheet)  # imwrite takes names in UTF-8 alone
     with replacing(output) as partial:
-        if not cv2.imwrite(str(partial), sheet):
-            raise OutputError(f"{output}: cannot be written; is the disk full?")
+        partial.write_bytes(encoded.tobytes())
     return tuple(" ".join(one) for one in options)
 
 

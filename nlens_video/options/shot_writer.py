@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from nlens_video.core.errors import OutputError
 from nlens_video.options.option import Option
 from nlens_video.options.readers import pattern
 from nlens_video.options.shot_file import (
@@ -50,8 +51,24 @@ def save(path: Path, given: argparse.Namespace) -> None:
     for table, entries in tables.items():
         if entries:
             document.add(table, tomlkit.item(entries))
+    _write(path, tomlkit.dumps(document))
+
+
+def _write(path: Path, text: str) -> None:
+    """Write the text of a shot file.
+
+    Raises:
+        OutputError: it names a file that TOML cannot name, or cannot be written.
+    """
+    try:
+        encoded = text.encode()
+    except UnicodeEncodeError as error:
+        raise OutputError(
+            f"{path}: TOML holds UTF-8 alone, and a file that the shot names has other bytes in "
+            "its name; rename that file, or save no shot"
+        ) from error
     with replacing(path) as partial:
-        partial.write_text(tomlkit.dumps(document), encoding="utf-8")
+        partial.write_bytes(encoded)
 
 
 def _entries(table: str, given: argparse.Namespace, path: Path) -> dict[str, Any]:
@@ -109,8 +126,7 @@ def save_tables(path: Path, tables: Tables) -> None:
                 held[key] = value
         if table in document and not held:
             del document[table]
-    with replacing(path) as partial:
-        partial.write_text(tomlkit.dumps(document), encoding="utf-8")
+    _write(path, tomlkit.dumps(document))
 
 
 def _replace(document: Any, table: str, entries: object) -> None:  # noqa: ANN401  tomlkit's own

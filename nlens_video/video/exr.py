@@ -16,7 +16,7 @@ from nlens_video.core.layers import MOST_PIXELS, Box, Float32, ObjectLayer, too_
 from nlens_video.video.exr_writer import first_line, not_carried, write_layers, write_over
 from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Source
-from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
+from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence, is_utf8
 from nlens_video.video.pixels.picture import ArrayPicture
 
 __all__ = [
@@ -75,6 +75,8 @@ def read_exr(path: Path) -> ExrImage:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; expected an OpenEXR file")
+    if not is_utf8(path):
+        raise InputError(f"{path}: OpenEXR takes names in UTF-8 alone; rename it")
     import OpenEXR  # here: it takes long to load, and few runs need it
 
     try:

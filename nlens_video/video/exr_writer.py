@@ -14,6 +14,7 @@ from nlens_video.core.color import chromaticities
 from nlens_video.core.errors import InputError, OutputError
 from nlens_video.core.layers import Box, Float32
 from nlens_video.video.atomic_files import replacing
+from nlens_video.video.named_files import is_utf8
 
 Float16: TypeAlias = "npt.NDArray[np.float16]"
 Header: TypeAlias = "dict[str, Any]"
@@ -123,6 +124,8 @@ def _read(plate: Path, *, pixels: bool = True) -> tuple[Header, Stored, int]:
 def _write(path: Path, header: Header, pixels: Stored) -> None:
     import OpenEXR
 
+    if not is_utf8(path):
+        raise OutputError(f"{path.name}: OpenEXR takes names in UTF-8 alone; give another")
     header = {**header, "type": OpenEXR.scanlineimage}
     with replacing(path) as unnamed:
         try:

@@ -29,6 +29,15 @@ def output_name(text: str) -> str:
     return "-" if text in _STANDARD_OUTPUT else text
 
 
+def is_utf8(path: Path) -> bool:
+    """Whether a file's name is UTF-8, as some libraries ask for; others are bytes of any kind."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def local_path(spec: str) -> Path | None:
     """Path of a source or a result; None for a standard stream or a URL.
 

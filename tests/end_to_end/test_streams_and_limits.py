@@ -8,7 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
 import pytest
 from support import shots
 from support.command import nlens
@@ -113,6 +115,36 @@ def test_file_names_that_are_not_valid_text_are_supported(files, tmp_path):
         [*command[:3], folder + b"/no\xff.png", *command[4:]], capture_output=True, check=False
     )
     assert missing.returncode == 3 and b"no\xff.png" in missing.stderr
+
+
+def test_contact_sheet_and_aperture_may_have_names_that_are_not_valid_text(files, tmp_path):
+    folder = os.fsencode(tmp_path)
+    shots.cube_glb(tmp_path / "bare.glb", camera=False)
+    sheet = program("place", files / "plate.png", tmp_path / "bare.glb")
+    command = [*map(os.fsencode, sheet), folder + b"/s\xfe.png", b"-q"]
+    assert subprocess.run(command, check=False).returncode == 0
+    assert Path(os.fsdecode(folder + b"/s\xfe.png")).stat().st_size > 1000
+    aperture = folder + b"/tri\xe9.png"
+    white = shots.write_png(tmp_path / "a.png", np.full((9, 9, 3), 255, np.uint8))
+    white.rename(os.fsdecode(aperture))
+    words = ("--fit", files / "fit.json", "--preset", "draft", "--effects", "defocus")
+    blurred = program(files / "plate.png", files / "anim.glb", tmp_path / "out.png", *words)
+    command = [*map(os.fsencode, blurred), b"--aperture=" + aperture]
+    assert subprocess.run(command, check=False).returncode == 0
+
+
+def test_names_that_are_not_valid_text_are_refused_where_a_format_holds_none(files, tmp_path):
+    folder = os.fsencode(tmp_path)
+    for name, more, said in (
+        (b"/o\xfe.exr", [], b"OpenEXR takes names in UTF-8 alone"),
+        (b"/o\xfe.png", [b"--save-shot", folder + b"/s.toml"], b"s.toml: TOML holds UTF-8 alone"),
+    ):
+        command = [os.fsencode(word) for word in quick(files, "plate.png", "out.png")]
+        command[5] = folder + name
+        run = subprocess.run([*command, *more], capture_output=True, check=False)
+        assert run.returncode == 6 and said in run.stderr
+        assert run.stderr.count(b"\n") == 1
+    assert not (tmp_path / "s.toml").exists()
 
 
 def limited(kind, size):

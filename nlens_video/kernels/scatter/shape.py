@@ -133,7 +133,8 @@ def read_picture(path: Path) -> Float64:
         if max(stated) > LARGEST_PICTURE_PX:
             size = f"{stated[0]}x{stated[1]}"
             raise InputError(f"aperture {path}: {size} px; at most {LARGEST_PICTURE_PX} a side")
-        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        held = np.frombuffer(path.read_bytes(), np.uint8)  # imread takes names in UTF-8 alone
+        picture = cv2.imdecode(held, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
     if picture is None:
         raise InputError(
             f"aperture {path}: cannot be read as a picture; give a PNG, white on black"
