@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +16,7 @@ from av.video.codeccontext import VideoCodecContext
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, too_large
 from nlens_video.video.info import Kind
+from nlens_video.video.input.lost_connections import explain_lost, why_lost
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
 
 _TIMELESS = (
@@ -86,10 +88,12 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
         _check_file(spec)
         kind = "stream" if Path(spec).is_fifo() else kind
     options |= DECODER  # for what probing decodes
+    began = time.monotonic()
     try:
         container = av.open(file, "r", format=format_, options=options)
     except (av.FFmpegError, OSError, ValueError) as error:
-        raise InputError(_explain(spec, error)) from error
+        lost = why_lost(spec, error, time.monotonic() - began)
+        raise InputError(explain_lost(spec, lost) if lost else _explain(spec, error)) from error
     if kind == "video" and _is_picture(container.format):
         kind = "still"
     try:
@@ -230,13 +234,19 @@ def _explain(spec: str, error: Exception) -> str:
 
 
 def explain_undecodable(
-    spec: str, container: av.container.InputContainer, codec: str, width: int, height: int
+    spec: str,
+    container: av.container.InputContainer,
+    kind: Kind,
+    codec: str,
+    width: int,
+    height: int,
 ) -> str:
     """Error message for a stream without a decodable frame.
 
     Args:
         spec: as the user gives it.
         container: of the stream.
+        kind: of the source.
         codec: FFmpeg's name.
         width: columns as the header states them [px].
         height: rows as the header states them [px].
@@ -248,7 +258,8 @@ def explain_undecodable(
         )
     if width * height > MOST_PIXELS:
         return too_large(spec, width, height)
+    subject = "the stream" if kind == "stream" else "the file"
     return (
-        f"{spec}: no frame can be decoded ({codec}); the file is damaged, not complete "
+        f"{spec}: no frame can be decoded ({codec}); {subject} is damaged, not complete "
         f"or larger than {MOST_PIXELS // 10**6} megapixels"
     )

@@ -15,6 +15,7 @@ from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
 from nlens_video.video.input.last_frames import Delivery, frames_after
 from nlens_video.video.input.late_fields import LateFields
+from nlens_video.video.input.lost_connections import Reads, explain_lost, why_lost
 from nlens_video.video.input.open import (
     DECODER,
     InputHints,
@@ -97,6 +98,8 @@ class AvSource(Source):
         self._started = False
         self._index = 0
         self._ended_early: tuple[str, ...] = ()
+        self._lost: str | None = None
+        self._reads = Reads()
         self._container, kind = open_container(spec, hints)
         try:
             self._stream = stream = video_stream(self._container, spec)
@@ -115,8 +118,10 @@ class AvSource(Source):
             self._decoded = self._decode()
             first = next(self._decoded, None)
             if first is None:
+                if self._lost:
+                    raise InputError(explain_lost(spec, self._lost))
                 codec = stream.codec.name
-                raise InputError(explain_undecodable(spec, self._container, codec, *declared))
+                raise InputError(explain_undecodable(spec, self._container, kind, codec, *declared))
             self._first = first
             info = describe(
                 spec, kind, self._container, stream, first, self._copied, hints.transfer,
@@ -248,17 +253,23 @@ class AvSource(Source):
         errors = 0
         while errors < _RETRIES:
             try:
-                for packet in self._container.demux(self._stream, *self._copied):
+                packets = self._container.demux(self._stream, *self._copied)
+                for packet in self._reads.timed(packets):
                     errors = 0
                     self._completeness.count(packet)
                     yield packet
-            except av.FFmpegError:
+            except av.FFmpegError as error:
+                self._lost = why_lost(self._spec, error, self._reads.longest_s)
+                if self._lost:
+                    self._ended_early = (f"the source ended: {self._lost}",)
+                    break
                 self._damage.add()
                 errors += 1
             else:
                 self._ended_early = self._completeness.notes() if self._is_file else ()
                 return
-        self._ended_early = (f"given up after {errors} failed reads in a row",)
+        else:
+            self._ended_early = (f"given up after {errors} failed reads in a row",)
         yield None
 
     @property
