@@ -174,7 +174,7 @@ class Console:
             self._notes(merged.notes)
 
     def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:
-        """Show the result of each shot of a list by its plate; errors even with `quiet`."""
+        """Show the result of each shot of a list by number and plate; errors even with `quiet`."""
         if self._json:
             self._emit(
                 [
@@ -184,9 +184,9 @@ class Console:
                     for name, one in results
                 ]
             )
-        for name, one in results:
+        for number, (name, one) in enumerate(results, 1):
             if isinstance(one, NlensError):
-                text = escape_controls(f"nlens-video: {name}: {one}")
+                text = escape_controls(f"nlens-video: shot {number} ({name}): {one}")
                 self._console.print(text, markup=False, soft_wrap=True, highlight=False)
             elif not self._json and not self._quiet:
                 self.merged(one)

@@ -11,7 +11,7 @@ from nlens_video.cli.output_files import check_outputs
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.farm.chunk import render_chunk
-from nlens_video.farm.job import PIECE_S, absolute, run_job
+from nlens_video.farm.job import PIECE_S, absolute, check_chunkable, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, store_of
 from nlens_video.farm.tasks import Progress, Shot, plan
@@ -169,6 +169,8 @@ def _parsed(entry: object, where: str) -> tuple[Namespace, Settings]:
         raise UsageError(f"{where}: {', '.join(needed)} must be texts, options a list of them")
     try:
         args = parse(["render", *map(str, named), *options])
-        return Namespace(**{**vars(args), **_FARMED}), to_settings.settings(args)
+        run = to_settings.settings(args)
+        check_chunkable(run)
     except UsageError as error:
         raise UsageError(f"{where}: {error}") from error
+    return Namespace(**{**vars(args), **_FARMED}), run

@@ -146,7 +146,8 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
     )
     assert main(["farm", "--jobs", str(jobs), "--workers", "2", "--chunk", "10"]) == 3
     said = capfd.readouterr().err
-    assert said.count("merged") == 2 and "gone.mp4: no such file" in said
+    assert said.count("merged") == 2
+    assert f"nlens-video: shot 2 ({shot / 'gone.mp4'}): {shot / 'gone.mp4'}: no such file" in said
     shots.assert_same_frames(whole, shot / "one.mkv")
     shots.assert_same_frames(whole, shot / "two.mkv")
     assert not (shot / "none.mkv").exists()
@@ -161,6 +162,11 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
         ("[[shot]]\nin = 3", "must be texts"),
         ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\ninput = "d"', "no 'input' there"),
         ('[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\noptions = ["--colour"]', "--colour"),
+        (
+            '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n[[shot]]\nin = "a"\nobject = "b"\n'
+            'out = "d.mkv"\noptions = ["--timings", "t.json"]',
+            "jobs.toml: shot 2: --timings: chunks are made of all frames",
+        ),
         (2 * '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n', "two shots write c.mkv"),
         ('[[shot]]\nshot = "a.toml"\nin = "b"', "no 'in' there; expected shot, options"),
         ('[[shot]]\nshot = "missing.toml"', "missing.toml: cannot be read as a shot file"),
