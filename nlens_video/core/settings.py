@@ -194,7 +194,7 @@ class OutputSettings:
         codec: FFmpeg's name of the encoder.
         crf: quality of encoders that have such a number.
         pix_fmt: FFmpeg's name of the pixel format.
-        keep_partial: whether an interrupted run leaves a playable partial file.
+        keep_partial: whether an interrupted or failed run leaves a playable partial file.
     """
 
     spec: str

@@ -121,7 +121,7 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
                "quality of encoders that have a CRF: lower is better", feeds="output.crf"),
         Option("--pix-fmt", ENCODED, "NAME", help="pixel format, such as yuv420p10le",
                feeds="output.pix_fmt"),
-        Option("--keep-partial", ENCODED, help="keep the partial file after an interrupt",
+        Option("--keep-partial", ENCODED, help="keep what an interrupted or failed run has written",
                feeds="output.keep_partial"),
     ),
     "the farm": (

@@ -184,12 +184,14 @@ def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
 
 @contextmanager
 def note_on_partial_file(sink: Sink) -> Iterator[None]:
-    """Add the name of a kept partial file to the error that ends the run."""
+    """Add the name of a kept partial file, or that there is none, to the error of the run."""
     try:
         yield
     except BaseException as error:
         if sink.kept is not None:
             error.add_note(f"the part written so far is {sink.kept}")
+        elif sink.keeps_nothing:
+            error.add_note("nothing that plays was written, so --keep-partial keeps nothing")
         raise
 
 

@@ -86,9 +86,11 @@ class Sink(ABC):
 
     Attributes:
         kept: the partial file of an aborted run, where one was requested.
+        keeps_nothing: whether one was requested, and nothing that plays was written.
     """
 
     kept: Path | None = None
+    keeps_nothing = False
     _notes: tuple[str, ...] = ()
 
     @property

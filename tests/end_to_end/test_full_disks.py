@@ -1,11 +1,14 @@
-"""Full disks: complete files are kept, incomplete ones removed, one line names them."""
+"""Full disks: complete files are kept, incomplete ones removed or kept as asked, in one line."""
 
+import itertools
 import json
 import subprocess
 import sys
 
+import cv2
 import pytest
 from support import shots
+from support.clips import read_times
 from support.command import nlens, one_line
 from support.disks import fill, small_disk
 
@@ -121,3 +124,47 @@ def test_file_size_limit_is_handled_as_a_full_disk(shot, tmp_path):
     assert "r/index.html: cannot be written (File too large)" in line
     assert len(shots.read_planes(tmp_path / "out.mp4")) == 6
     assert list((tmp_path / "r").iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def long_shot(tmp_path_factory):
+    return shots.write_shot(tmp_path_factory.mktemp("long"), 40, still=False)
+
+
+def rendered_in_little_room(shot, out, kilobytes, *more):
+    """A run whose files may have a size at most, as on a disk that has no more room."""
+    words = [shot / "in.mp4", shot / "anim.glb", out, "--fit", shot / "fit.json", "-q", *more]
+    command = [sys.executable, "-m", "nlens_video", *map(str, words), "--preset", "draft"]
+    shell = ["sh", "-c", f'ulimit -f {2 * kilobytes}; exec "$@"', "sh", *command]
+    return subprocess.run(shell, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("name", ["out.mkv", "out.mp4", "out.mov", "out.ts", "out.avi"])
+def test_frames_that_fit_on_a_full_disk_are_kept_where_asked(long_shot, tmp_path, name):
+    kept = tmp_path / name.replace("out", "out.partial")
+    words = ("--codec", "mpeg4", "--keep-partial")
+    line = one_line(rendered_in_little_room(long_shot, tmp_path / name, 100, *words), 6)
+    assert f"{name}: cannot be written (File too large)" in line
+    assert line.endswith(f"; the part written so far is {kept}")
+    assert list(tmp_path.iterdir()) == [kept]
+    times = read_times(kept)
+    assert 5 <= len(times) < 40
+    assert all(later > earlier for earlier, later in itertools.pairwise(times))
+
+
+def test_full_disk_that_took_no_frame_keeps_nothing_and_says_so(long_shot, tmp_path):
+    words = ("--codec", "mpeg4", "--keep-partial")
+    line = one_line(rendered_in_little_room(long_shot, tmp_path / "out.mp4", 4, *words), 6)
+    assert line.endswith("; nothing that plays was written, so --keep-partial keeps nothing")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.needs_mount
+def test_pictures_that_fit_on_a_full_disk_are_kept_whole(shot, tmp_path):
+    with small_disk(tmp_path / "small", 600) as folder:
+        run = rendered(shot, folder / "out_%04d.png", "--keep-partial", "-q")
+        kept = folder / "out_%04d.partial"
+        assert one_line(run, 6).endswith(f"; the part written so far is {kept}")
+        pictures = sorted(kept.iterdir())
+        assert [one.name for one in pictures] == ["out_0000.png", "out_0001.png"]
+        assert all(cv2.imread(str(one)).shape == (270, 480, 3) for one in pictures)

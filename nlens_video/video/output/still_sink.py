@@ -67,12 +67,13 @@ class StillSink(Sink):
 
     def close(self) -> None:
         """Discard the files, or keep them where that was requested."""
-        left = self._written and self._folder.is_dir() and any(self._folder.iterdir())
+        left = self._folder.is_dir() and any(self._folder.iterdir())
         if self._keep and left:
-            self.kept = self._path.with_name(f"{self._path.stem}.partial")
-            shutil.rmtree(self.kept, ignore_errors=True)  # of an earlier run
+            kept = self._path.with_name(f"{self._path.stem}.partial")
+            shutil.rmtree(kept, ignore_errors=True)  # of an earlier run
             with contextlib.suppress(OSError):
-                self._folder.rename(self.kept)
+                self.kept = self._folder.rename(kept)
+        self.keeps_nothing = self._keep and self.kept is None and (left or not self._written)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def write(self, frame: SourceFrame) -> None:
@@ -91,6 +92,7 @@ class StillSink(Sink):
             try:
                 target.write_bytes(self._encode(frame))
             except (av.FFmpegError, OSError, ValueError) as error:
+                target.unlink(missing_ok=True)  # of which a full disk took a part
                 reason = getattr(error, "strerror", None) or str(error)
                 raise OutputError(f"{self._path}: cannot be written ({reason})") from error
         self._written.append(path)

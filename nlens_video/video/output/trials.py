@@ -1,10 +1,11 @@
-"""Trials of containers: a second of noise or silence, written in memory and read back."""
+"""Trials of containers: noise or silence written in memory and read back; files read back."""
 
 from __future__ import annotations
 
 import io
 from collections.abc import Callable
 from fractions import Fraction
+from pathlib import Path
 from random import Random
 from typing import TypeVar
 
@@ -52,6 +53,16 @@ def trial(
             return {look(stream) for stream in found.streams}
     except (av.FFmpegError, ValueError, OSError):
         return set()
+
+
+def plays(path: Path) -> bool:
+    """Whether a file, which need not be complete, begins with a picture that can be decoded."""
+    try:
+        with av.open(f"file:{path}", "r") as found:
+            first = next(found.decode(video=0), None)
+            return first is not None and not first.is_corrupt
+    except (av.FFmpegError, IndexError, OSError):
+        return False
 
 
 def write_sound(out: av.container.OutputContainer, encoder: str, language: str = "") -> None:

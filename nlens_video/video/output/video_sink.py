@@ -32,6 +32,7 @@ from nlens_video.video.output.containers import holds_aspect, holds_video, read_
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
+from nlens_video.video.output.trials import plays
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
 from nlens_video.video.stored_colour import set_colour, siting_option, stored_colour
@@ -108,11 +109,16 @@ class VideoSink(Sink):
         """Discard the result, or keep what is written where that was requested."""
         if self._committed:
             return
-        if self._keep and self._open and self._written and self._path and self._partial:
-            with contextlib.suppress(OutputError):
-                self._finish()
-                self.kept = kept_name(self._path)
-                publish(self._partial, self.kept)
+        if self._keep and self._path and self._partial:
+            if self._open and self._written:
+                with contextlib.suppress(OutputError):
+                    self._finish()
+            self._close_files()
+            if plays(self._partial):  # on a full disk, what fitted on it
+                with contextlib.suppress(OutputError):
+                    publish(self._partial, kept_name(self._path))
+                    self.kept = kept_name(self._path)
+            self.keeps_nothing = self.kept is None
         self._discard()
 
     def write(self, frame: SourceFrame) -> None:
@@ -204,7 +210,7 @@ class VideoSink(Sink):
                 notes = (f"what a killed run has left is now {kept}",)
         return (*notes, *remove_stale(self._path))
 
-    def _discard(self) -> None:
+    def _close_files(self) -> None:
         if self._open:
             self._open = False
             with contextlib.suppress(av.FFmpegError, OSError, ValueError):
@@ -212,6 +218,9 @@ class VideoSink(Sink):
         if self._direct is not None:
             with contextlib.suppress(OSError):
                 self._direct.close()
+
+    def _discard(self) -> None:
+        self._close_files()
         if self._partial is not None:
             with contextlib.suppress(OSError):
                 self._partial.unlink(missing_ok=True)
