@@ -23,7 +23,7 @@ from nlens_video.core.optics import NO_OVERRIDES, Aperture, LensOverrides, as_ap
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import EFFECTS, EffectRequest
 from nlens_video.graph.effect_plan import LensRequest
-from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.graph.pipeline_file import load_compositing_pipeline
 from nlens_video.options import table
 from nlens_video.options.option import Option
 from nlens_video.options.readers import word
@@ -132,7 +132,7 @@ def as_lens(
             given twice.
         LensFitError: the saved fit cannot be read.
     """
-    load_pipeline(args.preset)
+    load_compositing_pipeline(args.preset)
     EffectRequest.parse(args.effects)
     aperture = "auto" if aperture is None else aperture
     if not isinstance(aperture, Aperture | str):

@@ -121,11 +121,27 @@ def load_pipeline(preset: str) -> PipelineFile:
     nodes = raw.get("nodes")
     if not isinstance(nodes, list) or not nodes:
         raise UsageError(f"{path}: no list 'nodes'; see the shipped pipelines for the form")
+    summary = raw.get("summary", "")
+    if not isinstance(summary, str):
+        raise UsageError(f"{path}: 'summary' is {summary!r}, expected a text")
     specs = tuple(_spec(entry, path) for entry in nodes)
     _check_order(specs, path)
-    return PipelineFile(
-        name=path.stem, summary=str(raw.get("summary", "")), nodes=specs, notes=notes
-    )
+    return PipelineFile(name=path.stem, summary=summary, nodes=specs, notes=notes)
+
+
+def load_compositing_pipeline(preset: str) -> PipelineFile:
+    """As `load_pipeline`, for runs that write pictures: one that composites the object.
+
+    Raises:
+        UsageError: as there, or the object would not be in the pictures.
+    """
+    pipeline = load_pipeline(preset)
+    if all(spec.name != "composite" for spec in pipeline.nodes):
+        raise UsageError(
+            f"{preset}: has no node 'composite', so the object would not be in the pictures; add "
+            "it as the last of 'nodes'"
+        )
+    return pipeline
 
 
 def _path_of(preset: str) -> Path:

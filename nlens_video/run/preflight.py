@@ -15,7 +15,7 @@ from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, 
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.view import View, bounds_near_frame
-from nlens_video.graph.pipeline_file import load_pipeline
+from nlens_video.graph.pipeline_file import load_compositing_pipeline
 from nlens_video.run.open_run import view_of
 from nlens_video.run.plate_source import frame_s, no_such_frames
 from nlens_video.scene.scene import Scene
@@ -97,7 +97,7 @@ def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
     for folder in (settings.report, settings.aov):
         if folder is not None:
             check_target_folder(folder)
-    load_pipeline(settings.preset)
+    load_compositing_pipeline(settings.preset)
     EffectRequest.parse(settings.effects)
     if settings.fit is not None and FitTrack.load(settings.fit) is None:
         LensFit.load(settings.fit)

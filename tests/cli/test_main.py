@@ -547,6 +547,7 @@ REFUSED = {
     "range that ends before it begins": (2, [*STILL, "--range", "9:4"], "A:B"),
     "range beyond the end": (2, ["in.mp4", "anim.glb", "o.mp4", "--range", "90:99"], "no such fr"),
     "unknown preset": (2, [*STILL, "--preset", "cinematic"], "standard"),
+    "pipeline without a composite": (2, [*STILL, "--preset", "part.toml"], "no node 'composite'"),
     "unknown effect": (2, [*STILL, "--effects", "glitter"], "defocus"),
     "device that is not there": (2, [*STILL, "--device", "cuda"], "cpu"),
     "negative time budget": (2, [*STILL, "--budget-ms", "-3"], "positive"),
@@ -574,6 +575,7 @@ def faulty(files, tmp_path_factory):
     (folder / "text.mp4").write_text("not a video at all")
     (folder / "bad.glb").write_bytes(b"glTF but not really")
     shots.write_png(folder / "grey.png", shots.grey())
+    (folder / "part.toml").write_text('nodes = ["object-bounds", "render", "crop-sharp"]')
     (folder / "steep.json").write_text('{"slope": "steep"}')
     for number in ("NaN", "1e999", "-Infinity"):
         (folder / f"{number}.json").write_text(NOT_FINITE.format(number))

@@ -136,6 +136,13 @@ def test_errors_name_parameters_instead_of_command_line_flags(bare, options, wor
     assert words in str(failed.value) and "--" not in str(failed.value)
 
 
+def test_pipeline_that_would_not_composite_the_object_is_refused(bare, tmp_path):
+    path = tmp_path / "part.toml"
+    path.write_text('nodes = ["object-bounds", "render", "crop-sharp"]')
+    with pytest.raises(UsageError, match="part.toml: has no node 'composite'"):
+        Compositor(bare, preset=str(path))
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [

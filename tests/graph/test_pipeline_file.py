@@ -129,7 +129,11 @@ def test_invalid_pipeline_file_is_refused_in_one_line_with_its_path(tmp_path, no
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("not toml [", "cannot be read"), ("colour = 1\nnodes = []", "unknown key 'colour'")],
+    [
+        ("not toml [", "cannot be read"),
+        ("colour = 1\nnodes = []", "unknown key 'colour'"),
+        ('summary = 5\nnodes = ["object-bounds"]', "'summary' is 5, expected a text"),
+    ],
 )
 def test_file_that_is_not_a_pipeline_is_refused(tmp_path, text, message):
     path = tmp_path / "wrong.toml"
