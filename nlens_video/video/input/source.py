@@ -226,7 +226,8 @@ class AvSource(Source):
             except av.FFmpegError:
                 if self._readable_again and (packet is None or packet.size == 0):
                     continue  # the last frames are decoded anew
-                self._damage.add()
+                if packet is None or not packet.is_corrupt:  # else it is counted already
+                    self._damage.add()
                 failed += 1
                 if failed == MOST_UNDECODABLE:
                     self._ended_early = (f"given up after {failed} undecodable packets in a row",)

@@ -1,7 +1,9 @@
 """Plates that are damaged on the way: the good frames stay, at their times, and are reported."""
 
 import itertools
+import os
 import random
+import threading
 from fractions import Fraction
 
 import av
@@ -146,6 +148,23 @@ def test_plate_that_stays_undecodable_stops_at_the_documented_limit(tmp_path, mo
     frames, plate = read(tmp_path / "bad.mov")
     assert (len(frames), plate.damaged) == (8, 10)
     assert plate.warnings() == ("given up after 10 undecodable packets in a row",)
+
+
+@pytest.mark.parametrize("piped", [False, True], ids=["file", "pipe"])
+def test_raw_video_that_ends_amid_a_frame_has_one_damaged_packet(tmp_path, piped):
+    whole = b"".join(bytes(plane) for n in range(3) for plane in flat(40 * n, (64, 48)).planes)
+    cut = tmp_path / "cut.yuv"
+    if piped:
+        os.mkfifo(cut)
+    data = whole[: -len(whole) // 6]  # half of the last frame
+    writer = threading.Thread(target=cut.write_bytes, args=(data,), daemon=True)
+    writer.start()
+    if not piped:
+        writer.join()
+    with open_source(str(cut), input_format="yuv420p", input_size="64x48") as plate:
+        assert len(list(plate)) == 2
+        assert plate.damaged == 1
+    writer.join(20)
 
 
 def test_frames_of_another_size_or_format_are_converted_to_the_first(tmp_path):
