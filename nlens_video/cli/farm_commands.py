@@ -13,7 +13,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.farm.chunk import render_chunk
 from nlens_video.farm.job import PIECE_S, absolute, check_chunkable, run_job
 from nlens_video.farm.merge import Merged, merge
-from nlens_video.farm.store import Folder, store_of
+from nlens_video.farm.store import Folder, FolderInUse, store_of
 from nlens_video.farm.tasks import Progress, Shot, plan
 from nlens_video.options import to_settings
 from nlens_video.options.files import chunks_beside
@@ -40,11 +40,9 @@ def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
     """
     store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
     shot = Shot(settings=absolute(settings), store=store, chunk_s=args.chunk)
-    (result,) = _run_on_ray([shot], args, console)
+    (result,) = _run_on_ray([shot], args, console, clear=args.chunks is None)
     if isinstance(result, NlensError):
         raise result
-    if args.chunks is None:
-        store.clear()
     console.merged(result)
     return 0
 
@@ -64,17 +62,17 @@ def run_jobs(args: Namespace, console: Console) -> int:
         for run in read_shot_list(args.jobs, overwrite=args.overwrite)
         for output in [Path("" if run.output is None else run.output.spec).absolute()]
     ]
-    results = _run_on_ray(shots, args, console)
-    for shot, result in zip(shots, results, strict=True):
-        if not isinstance(result, NlensError):
-            shot.store.clear()
+    results = _run_on_ray(shots, args, console, clear=True)
     console.shots(
         [(shot.settings.source.spec, one) for shot, one in zip(shots, results, strict=True)]
     )
     return next((one.exit_code for one in results if isinstance(one, NlensError)), 0)
 
 
-def _run_on_ray(shots: list[Shot], args: Namespace, console: Console) -> list[Merged | NlensError]:
+def _run_on_ray(
+    shots: list[Shot], args: Namespace, console: Console, *, clear: bool
+) -> list[Merged | NlensError]:
+    """Render shots; with `clear`, remove the chunks of those whose results are complete."""
     try:
         from nlens_video.farm.on_ray import Cluster
     except ImportError as error:
@@ -88,7 +86,11 @@ def _run_on_ray(shots: list[Shot], args: Namespace, console: Console) -> list[Me
         for shot in shots:
             stack.enter_context(shot.store.held())
         progress = Progress(len(shots), stack.enter_context(console.progress_bar()))
-        return cluster.run([plan(shot, progress) for shot in shots])
+        results = cluster.run([plan(shot, progress) for shot in shots])
+        for shot, result in zip(shots, results, strict=True):
+            if clear and not isinstance(result, NlensError):
+                shot.store.clear()  # while no other run can have begun in it
+    return results
 
 
 def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
@@ -100,12 +102,11 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     folder = chunks_beside(Path(args.output))
     try:
         with console.progress_bar() as on_progress:
-            merged = run_job(settings, folder, PIECE_S, on_progress)
+            merged = run_job(settings, folder, PIECE_S, on_progress, clear=True)
     except BaseException as error:
-        if folder.is_dir():
+        if not isinstance(error, FolderInUse) and folder.is_dir():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
         raise
-    Folder(folder).clear()
     console.merged(merged)
     return 0
 

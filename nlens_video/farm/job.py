@@ -42,7 +42,10 @@ class Prepared:
     frame_s: float
 
 
-def run_job(settings: Settings, folder: Path, chunk_s: float, on_progress: OnProgress) -> Merged:
+def run_job(
+    settings: Settings, folder: Path, chunk_s: float, on_progress: OnProgress, *,
+    clear: bool = False,
+) -> Merged:  # fmt: skip
     """Fit the lens, render the missing chunks by one run in this process, merge.
 
     Args:
@@ -50,10 +53,12 @@ def run_job(settings: Settings, folder: Path, chunk_s: float, on_progress: OnPro
         folder: of chunks and fit; created if missing.
         chunk_s: length of a chunk, > 0 [s].
         on_progress: called with (frames rendered, frames in all).
+        clear: whether the folder is removed once the result is complete.
 
     Raises:
         UsageError: an option is given that needs a single run, such as --range or --report.
-        OutputError: the folder cannot be created, or another run is using it.
+        FolderInUse: another run is using the folder.
+        OutputError: the folder cannot be created.
         NlensError: as `run.render` and `merge`.
     """
     output = check_chunkable(settings)
@@ -79,7 +84,10 @@ def run_job(settings: Settings, folder: Path, chunk_s: float, on_progress: OnPro
             known = with_stored_look(known, store, missing[0].key)
             write_chunks(known, feed, folder)
         files = [folder / mark.file_name for mark in prepared.marks]
-        return merge(settings.source, files, output)
+        merged = merge(settings.source, files, output)
+        if clear:
+            store.clear()  # while no other run can have begun in it
+    return merged
 
 
 def prepare(settings: Settings, store: Store, chunk_s: float) -> Prepared:

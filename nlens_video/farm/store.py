@@ -34,6 +34,10 @@ _OBJECTS = {"s3", "s3a", "gs", "gcs", "az", "abfs", "adl", "oss", "oci", "memory
 """Protocols whose uploads are atomic; elsewhere files are renamed at the end."""
 
 
+class FolderInUse(OutputError):
+    """Another run has locked the folder."""
+
+
 @dataclass(frozen=True, slots=True)
 class Folder:
     """A folder with the same absolute path on all machines.
@@ -51,7 +55,8 @@ class Folder:
         """Create the folder and lock it against a second run; the lock ends with the process.
 
         Raises:
-            OutputError: it cannot be created, or another run has locked it.
+            FolderInUse: another run has locked it.
+            OutputError: it cannot be created.
         """
         make_folder(self.local, NAME_A_FOLDER)
         try:
@@ -101,7 +106,7 @@ def _lock(folder: Path) -> int | None:
     """File descriptor that holds the lock until it is closed; None on Windows, without `flock`.
 
     Raises:
-        OutputError: another run has locked it.
+        FolderInUse: another run has locked it.
         OSError: the folder cannot be opened.
     """
     if sys.platform == "win32":
@@ -113,7 +118,7 @@ def _lock(folder: Path) -> int | None:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
         os.close(handle)
-        raise OutputError(
+        raise FolderInUse(
             f"{folder}: another run is using it; wait for it, or give OUT another name"
         ) from error
     except OSError:

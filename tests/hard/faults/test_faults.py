@@ -20,7 +20,7 @@ from support import shots
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import NlensError, OutputError
-from nlens_video.farm.store import Folder
+from nlens_video.farm.store import Folder, FolderInUse
 from nlens_video.networks import model_store
 from nlens_video.options.files import chunks_beside
 from nlens_video.run import preflight as preflight_module
@@ -270,6 +270,33 @@ def test_concurrent_runs_do_not_share_chunks_and_other_files_are_kept(tmp_path):
     (folder / "mine.txt").write_bytes(b"x")
     Folder(folder).clear()
     assert [path.name for path in folder.iterdir()] == ["mine.txt"]
+
+
+def test_second_resumable_run_of_a_result_is_refused_in_one_line(shot, tmp_path, capsys):
+    out = tmp_path / "out.mp4"
+    with Folder(chunks_beside(out)).held():
+        assert main(arguments(shot, out, "--resume")) == 6
+    said = capsys.readouterr().err
+    assert said.endswith(
+        "out.mp4.chunks: another run is using it; wait for it, or give OUT another name\n"
+    )
+    assert said.count("\n") == 1 and not out.exists()
+    assert main(arguments(shot, out, "--resume")) == 0
+
+
+def test_resumable_run_removes_its_chunks_while_no_other_run_can_begin(shot, tmp_path, monkeypatch):
+    clear, refused = Folder.clear, []
+
+    def cleared(folder):
+        with pytest.raises(FolderInUse) as error, folder.held():
+            pass
+        refused.append(error)
+        clear(folder)
+
+    monkeypatch.setattr(Folder, "clear", cleared)
+    assert main(arguments(shot, tmp_path / "out.mp4", "--resume")) == 0
+    assert len(refused) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["out.mp4"]
 
 
 def test_options_of_single_runs_are_refused_with_resume(shot, tmp_path, capsys):
