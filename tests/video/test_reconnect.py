@@ -14,7 +14,7 @@ from nlens_video.cli.main import main
 from nlens_video.core.errors import InputError
 from nlens_video.core.settings import SourceSettings
 from nlens_video.run.plate_source import opened
-from nlens_video.video.input.reconnect import Reconnecting
+from nlens_video.video.input.reconnect import Arrivals, Reconnecting
 from nlens_video.video.input.source import open_source
 
 
@@ -70,12 +70,35 @@ def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(cli
     assert [index for index, *_ in frames] == list(range(24))
     times = [moment for _, moment, *_ in frames]
     assert all(later > earlier for earlier, later in zip(times, times[1:], strict=False))
-    assert times[12] - times[11] >= Fraction(1, 2)  # how long it took to look for it again
+    assert times[12] - times[0] >= Fraction(1, 2)  # how long it took to look for it again
     assert frames[-1][2] == pytest.approx(float(times[-1] - times[0]), abs=1e-3)
     assert np.array_equal(frames[0][3], frames[12][3])
     sound = [moment for _, moment in packets]
     assert sound == sorted(sound) and sound[-1] > times[12]
     assert sum(moment < times[12] - Fraction(1, 20) for moment in sound) >= len(sound) // 2
+
+
+@pytest.mark.parametrize("opening_s", [0.0, 0.8])
+@pytest.mark.parametrize("timeout_s", [0.0, 1.0])
+def test_gap_is_as_long_as_no_frame_was_sent(opening_s, timeout_s):
+    """FFmpeg holds the first frames until it knows the streams, the last until a timeout."""
+    step, begins, again = 0.04, 100.0, 108.0  # when the first frames are sent, by the clock [s]
+    arrivals = Arrivals(begins + opening_s, Fraction(7))
+    for number in range(100):
+        sent = begins + step * number
+        held = timeout_s if number > 97 else 0.0
+        came = max(begins + opening_s, sent + held)
+        arrivals.see(Fraction(7) + number * Fraction(1, 25), came)
+    assert arrivals.following(again + opening_s) == pytest.approx(7 + again - begins)
+
+
+def test_clock_of_a_source_that_drifts_does_not_change_the_length_of_a_gap():
+    arrivals = Arrivals(0.0, Fraction(0))
+    hour = 25 * 3600
+    for number in range(1, hour):
+        arrivals.see(Fraction(number, 25), number * 0.04 * 1.0005)  # 1.8 s an hour slow
+    last, came = (hour - 1) / 25, (hour - 1) * 0.04 * 1.0005
+    assert arrivals.following(came + 3.0) - last == pytest.approx(3.0, abs=0.02)
 
 
 @pytest.mark.slow

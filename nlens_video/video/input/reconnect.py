@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from fractions import Fraction
@@ -13,14 +14,57 @@ from nlens_video.video.info import Packet, SourceFrame, SourceInfo
 from nlens_video.video.interfaces import Source, SwitchingSource
 
 _RETRY_S = 0.5
+_PROMPT_FRAMES = 512
+"""Among so many frames, the one that came soonest after its time came without delay [1]."""
+
+
+class Arrivals:
+    """When the frames of a connection come, against their times in the output.
+
+    The first frames wait until FFmpeg knows the streams, the last ones may wait for a timeout: the
+    promptest frames tell how the output's times and the clock belong together.
+
+    Args:
+        opened_s: when the first frame had come, by the clock [s].
+        first: its time in the output [s].
+    """
+
+    def __init__(self, opened_s: float, first: Fraction) -> None:
+        self._first_lag_s = self._least_lag_s = opened_s - float(first)
+        self._last_lags_s = deque([self._first_lag_s], maxlen=_PROMPT_FRAMES)
+        self._seen = 0
+
+    def see(self, moment: Fraction, now_s: float) -> None:
+        """Note a frame.
+
+        Args:
+            moment: its time in the output [s].
+            now_s: when it came, by the clock [s].
+        """
+        lag_s = now_s - float(moment)
+        self._last_lags_s.append(lag_s)
+        if self._seen < _PROMPT_FRAMES:
+            self._seen += 1
+            self._least_lag_s = min(self._least_lag_s, lag_s)
+
+    def following(self, opened_s: float) -> float:
+        """Time in the output of the first frame of the next connection [s].
+
+        It is taken to have waited as long as the first frame of this one.
+
+        Args:
+            opened_s: when it had come, by the clock [s].
+        """
+        waited_s = self._first_lag_s - self._least_lag_s
+        return opened_s - waited_s - min(self._last_lags_s)
 
 
 class Reconnecting(SwitchingSource):
     """A source that is reopened when it ends, until it stays away or is closed.
 
     Frame numbers continue. Times skip the gap: the first frame of a new connection is as much later
-    as wall-clock time says, and packets of other streams (sound) are shifted by the same amount.
-    Streams that the first connection did not have are left out.
+    as the clock says (see `Arrivals`), and packets of other streams (sound) are shifted by the same
+    amount. Streams that the first connection did not have are left out.
 
     Args:
         connect: opens the source.
@@ -35,6 +79,7 @@ class Reconnecting(SwitchingSource):
 
     def __init__(self, connect: Callable[[], Source], patience_s: float) -> None:
         super().__init__(connect())
+        self._opened_s = time.monotonic()  # the first frame of the connection has come
         self._connect = connect
         self._patience_s = patience_s
         self._closed = threading.Event()
@@ -43,7 +88,8 @@ class Reconnecting(SwitchingSource):
         self._waiting: list[Packet] = []  # for the shift
         self._packet_ends: dict[int, Fraction] = {}  # last time by stream [s]
         self._start: Fraction | None = None  # of the first frame [s]
-        self._last: tuple[Fraction, float] | None = None  # its time in the output, and by the clock
+        self._last = Fraction(0)  # time of the last frame in the output [s]
+        self._arrivals: Arrivals | None = None  # of this connection, or the last before it
         self.lost = 0
 
     def close(self) -> None:
@@ -55,18 +101,17 @@ class Reconnecting(SwitchingSource):
         index = 0
         while True:
             self._connection.packet_sink = self._forward
+            begins = True
             for frame in self._connection:
-                now = time.monotonic()
-                if self._shift is None:
-                    self._shift = self._time_after_gap(now) - _seconds(frame)
-                    for packet in self._waiting:
-                        self._forward(packet)
-                    self._waiting.clear()
-                moment = _seconds(frame) + self._shift
+                if begins:
+                    shift, arrivals = self._begin(_seconds(frame))
+                    begins = False
+                moment = _seconds(frame) + shift
+                arrivals.see(moment, time.monotonic())
                 if self._start is None:
                     self._start = moment
                 yield self._retimed(frame, index, moment)
-                self._last = (moment, now)
+                self._last = moment
                 index += 1
             if not self._reconnect():
                 return
@@ -81,13 +126,23 @@ class Reconnecting(SwitchingSource):
             time_s=float(moment - (self._start or 0)),
         )  # fmt: skip
 
-    def _time_after_gap(self, now: float) -> Fraction:
-        """Time of a connection's first frame in the output, at least a frame after the last [s]."""
-        if self._last is None:
-            return Fraction(0)
-        moment, then = self._last
-        step = 1 / (self.info.average_rate or Fraction(25))
-        return max(moment + step, moment + Fraction(now - then).limit_denominator(1_000_000))
+    def _begin(self, first: Fraction) -> tuple[Fraction, Arrivals]:
+        """Shift of a connection's times, at least a frame after the last before it; its arrivals.
+
+        Args:
+            first: time of its first frame [s].
+        """
+        if self._arrivals is not None:
+            step = 1 / (self.info.average_rate or Fraction(25))
+            by_clock = Fraction(self._arrivals.following(self._opened_s))
+            moment = max(self._last + step, by_clock.limit_denominator(1_000_000))
+            self._shift = moment - first
+            for packet in self._waiting:
+                self._forward(packet)
+            self._waiting.clear()
+        shift = self._shift or Fraction(0)
+        self._arrivals = Arrivals(self._opened_s, first + shift)
+        return shift, self._arrivals
 
     def _reconnect(self) -> bool:
         """Wait for the source and open it again; whether it came back.
@@ -104,6 +159,7 @@ class Reconnecting(SwitchingSource):
                 if time.monotonic() > deadline:
                     return False
                 continue
+            self._opened_s = time.monotonic()
             self._switch_to(again)
             self._check(again.info)
             self._shift = None
