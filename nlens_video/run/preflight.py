@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from nlens_video.cameras.solved import SolvedCamera
-from nlens_video.core.errors import InputError, SceneError, UsageError
+from nlens_video.core.errors import InputError, Note, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
-from nlens_video.graph.base.view import View, bounds_near_frame
+from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import load_compositing_pipeline
+from nlens_video.run.checks.objects_in_view import is_in_view, notes_on_unseen
 from nlens_video.run.open_run import view_of
-from nlens_video.run.plate_source import frame_s, no_such_frames
+from nlens_video.run.plate_source import no_such_frames
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, check_target_folder
@@ -30,7 +29,6 @@ from nlens_video.video.output.sink import check_output, open_sink
 
 _ESTIMATE = 0.95
 """Containers that count frames by their length may be off by so much [1]."""
-_MOST_MOMENTS = 20_000
 
 
 def preflight(settings: Settings, info: SourceInfo) -> None:
@@ -103,15 +101,15 @@ def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
         LensFit.load(settings.fit)
 
 
-def check_shot(settings: Settings, info: SourceInfo) -> Scene:
-    """Check that the plate has the range and that the object is in view.
+def check_shot(settings: Settings, info: SourceInfo) -> tuple[Scene, tuple[Note, ...]]:
+    """Check that the plate has the range and that the objects are in view.
 
     Args:
         settings: the run.
         info: the plate.
 
     Returns:
-        The objects' files, from `load_scene`.
+        The objects' files, from `load_scene`, and notes on those that are on no frame.
 
     Raises:
         UsageError: the range lies behind the plate's end, or a place makes no sense.
@@ -131,9 +129,10 @@ def check_shot(settings: Settings, info: SourceInfo) -> Scene:
     _check_files(objects)
     if objects.footprint is not None:
         scene.triangles(0.0, objects.footprint)
-    if _is_whole(settings, info) and objects.layers is None:
-        _check_in_view(objects, scene, view, info)
-    return loaded
+    if not _is_whole(settings, info) or objects.layers is not None:
+        return loaded, ()
+    _check_in_view(objects, scene, view, info)
+    return loaded, notes_on_unseen(scene, view, info)
 
 
 def _check_at_frame(objects: ObjectSettings, camera: SolvedCamera | None) -> None:
@@ -186,33 +185,21 @@ def _is_whole(settings: Settings, info: SourceInfo) -> bool:
 
 
 def _check_in_view(objects: ObjectSettings, scene: Scene, view: View, info: SourceInfo) -> None:
-    moments = tuple(_moments(scene, info))
-    if not moments or any(bounds_near_frame(scene, view, moment) is not None for moment in moments):
+    if is_in_view(scene, view, info):
         return
     when = "" if info.kind == "still" else " on all frames"
     placed = objects.placing or objects.on_ground
     raise SceneError(
-        f"{objects.glb}: the object is out of view{when}, {_where(scene, view, moments[0])}; check "
+        f"{objects.glb}: the object is out of view{when}, {_where(scene, view)}; check "
         f"{'--at and --size' if placed else '--camera'}, --animation and --scene, or "
         "render a part with --range"
     )
 
 
-def _moments(scene: Scene, info: SourceInfo) -> Iterator[float]:
-    """Times at half the frame interval over the plate [s]; none where its length is unknown."""
-    step = 0.5 * frame_s(info)
-    if not scene.moves or not step:
-        yield 0.0
-        return
-    length = info.duration_s or 2.0 * step * (info.frame_count or 0)
-    step = max(step, length / _MOST_MOMENTS)
-    yield from (number * step for number in range(math.ceil(length / step)))
-
-
-def _where(scene: Scene, view: View, time_s: float) -> str:
-    """Where the object lies relative to the frame, for a message."""
-    camera = view.camera_at(scene, time_s)
-    seen = camera.to_camera(scene.pose(time_s).vertices().astype(np.float64))
+def _where(scene: Scene, view: View) -> str:
+    """Where the object first lies relative to the frame, for a message."""
+    camera = view.camera_at(scene, 0.0)
+    seen = camera.to_camera(scene.pose(0.0).vertices().astype(np.float64))
     ahead = seen[seen[:, 2] < 0.0]
     if not len(ahead):
         return "behind the camera"

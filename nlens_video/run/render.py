@@ -120,7 +120,7 @@ def render(
     with ExitStack() as stack:
         stack.enter_context(note_on_complete_result(output.spec, lambda: complete))
         source = stack.enter_context(opened(settings.source))
-        scene = check_shot(settings, source.info) if chunks is None else None
+        scene, unseen = check_shot(settings, source.info) if chunks is None else (None, ())
         part = part_of(source.info, settings.source.frames)
         sink = open_result(output, part, settings.source, chunks)
         stack.enter_context(note_on_partial_file(sink))
@@ -162,6 +162,7 @@ def render(
             notes=(
                 *source.info.notes,
                 *notes_beforehand(settings, source.info, session),
+                *unseen,
                 *source.warnings(),
                 *_session_notes(session),
                 *session.device.notes,

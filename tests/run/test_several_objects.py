@@ -5,8 +5,11 @@ import json
 import numpy as np
 import pytest
 from support import shots
+from support.camera_paths import rotation
 from support.command import nlens, one_line
 from support.glb_builder import GlbBuilder
+
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 
 WIDTH, HEIGHT, FRAMES = 320, 180, 13
 RED, BLUE = (1.0, 0.02, 0.02), (0.02, 0.05, 1.0)
@@ -231,3 +234,34 @@ def test_plan_renders_nothing_and_names_what_moves(folder):
     assert run.returncode == 0 and not (folder / "out.mkv").exists()
     assert "placed by --at 0.5,0.9 --size 0.4" in run.stdout
     assert "motion-blur: yes" in run.stdout
+
+
+def test_further_object_that_lies_outside_the_frame_is_told_and_one_inside_is_not(folder):
+    beside = 'file = "blue.glb"\nat = [-0.3, 0.8]\nsize = 0.1'
+    run = nlens(written(folder, [red(), beside], more=SHARP), "-y")
+    assert run.returncode == 0
+    assert "note   object 2, " in run.stderr and "outside the frame on all frames" in run.stderr
+    assert "object 1" not in run.stderr
+    assert "outside" not in nlens(written(folder, [red(), KEYED], more=SHARP), "-y").stderr
+
+
+def test_object_that_a_turning_camera_shows_later_is_not_refused(folder):
+    keys = []
+    for n in range(FRAMES):
+        turn, pose = np.radians(40.0 - 6.0 * n), np.eye(4)
+        pose[:3, :3] = rotation(turn, np.radians(-15.0), 0.0)
+        pose[1, 3] = 1.5
+        keys.append(
+            CameraKey(
+                index=n, pts_s=n / 25, world_to_camera=np.linalg.inv(pose), fov_x_deg=40.0
+            )  # fmt: skip
+        )
+    solved = SolvedCamera(width=WIDTH, height=HEIGHT, keys=tuple(keys), path="rotation")
+    (folder / "turn.json").write_text(solved.to_json())
+    words = [folder / "in.mkv", folder / "red.glb", folder / "out.mkv", "--effects", "none"]
+    place = ["--at", "0.5,0.8", "--size", "0.4", "--at-frame", "12"]
+    run = nlens(*words, *place, "--camera-from", folder / "turn.json", "--fit", folder / "fit.json")
+    assert run.returncode == 0, run.stderr
+    seen = pictures(folder / "out.mkv")
+    assert (seen[0][..., 0] - seen[0][..., 2]).max() < 20.0  # it is not in view yet
+    assert stands(seen[12], RED)[0] == pytest.approx(0.5, abs=0.02)
