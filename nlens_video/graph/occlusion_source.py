@@ -16,6 +16,11 @@ from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
 
+_UNITLESS = (
+    "--holdout {}: the plate's scale is not known, so Z is taken in units of the object's file; "
+    "for Z in metres give the camera in metres (nlens-video solve --marker SIDE, --person-height)"
+)
+
 
 def open_occlusion_source(
     objects: ObjectSettings, scene: Scene, view: View, estimate: CocEstimator,
@@ -44,12 +49,16 @@ def open_occlusion_source(
     if real.holdout is not None:
         from nlens_video.video.input.holdout import ExrHoldout, open_holdout
 
-        reader = open_holdout(real.holdout, (view.width, view.height))
+        reader = open_holdout(real.holdout, (view.width, view.height), view.unit_m or 1.0)
+        depth = reader.depth if isinstance(reader, ExrHoldout) and reader.holds_depth else None
+        unitless = depth is not None and view.unit_m is None and _is_placed(objects, scene)
+        notes = (_UNITLESS.format(real.holdout),) if unitless else ()
         source = OcclusionSource(
             reader.description,
             lambda index, picture, plate_coc: reader.read(index),
             reader.close,
-            reader.depth if isinstance(reader, ExrHoldout) and reader.holds_depth else None,
+            depth,
+            lambda: notes,
         )
         return source, Finding(f"--holdout {reader.description}", wanted=True)
     finding = None
@@ -77,3 +86,8 @@ def open_occlusion_source(
     source = OcclusionSource("F: CoC network on each frame, onnxruntime on the CPU", coc_of_frame)
     reason = "--occlusion auto: where the plate's CoC is certainly of nearer things"
     return source, Finding(reason, wanted=True) if real.occlusion == "auto" else finding
+
+
+def _is_placed(objects: ObjectSettings, scene: Scene) -> bool:
+    """Whether the object is scaled to the plate, not seen as its file has it."""
+    return bool(objects.placing or objects.on_ground or not scene.camera_names)

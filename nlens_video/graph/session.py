@@ -89,10 +89,12 @@ class Session:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes for the user, as of now."""
+        occlusion = self.context.occlusion
         quality = () if self.quality is None else self.quality.describe()
         return (
             *self.opening_notes,
             *self.context.objects.notes,
+            *(() if occlusion is None else occlusion.notes()),
             *self.executor.notes,
             *quality,
         )

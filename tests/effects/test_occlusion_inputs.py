@@ -88,6 +88,48 @@ def test_nearer_plate_depth_occludes_with_an_edge_as_soft_as_its_coc(files, plai
     assert any("Z is nearer" in d["reason"] for d in summary["decisions"])
 
 
+@pytest.fixture(scope="module")
+def placed(files):
+    """A cube without a camera, and the plate's camera in metres and of unknown scale."""
+    shots.cube_glb(files / "cube.glb", camera=False)
+    for scale in ("metres", "arbitrary"):
+        shots.camera_json(files / f"{scale}.json", scale=scale)
+    return files
+
+
+def beside_a_wall(placed, out, scale, depth, *words):
+    """The command that stands the cube on the ground 2.9 m off, with a wall at a depth."""
+    wall = out.with_suffix(".exr")
+    write_layers(wall, {"Z": np.full(SIZE, depth, np.float32)})
+    return nlens(
+        placed / "plate.png", placed / "cube.glb", out, "--camera-from", placed / f"{scale}.json",
+        "--fit", placed / "fit.json", "--at", "0.5,0.6", *words,
+        "--effects", "occlusion", "--holdout", wall,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("size", ["0.05", "0.4"])
+def test_depth_is_in_metres_where_the_camera_that_places_the_object_is(placed, tmp_path, size):
+    plate = cv2.imread(str(placed / "plate.png")).astype(int)
+    seen = []
+    for depth in (2.0, 5.0):
+        out = tmp_path / f"{depth}.png"
+        run = beside_a_wall(placed, out, "metres", depth, "--size", size)
+        assert run.returncode == 0 and "Z is taken in" not in run.stderr + run.stdout, run.stderr
+        seen.append((cv2.imread(str(out)).astype(int) != plate).any(axis=2).sum())
+    assert seen[0] == 0 and seen[1] > 100
+
+
+def test_depth_under_a_camera_without_scale_is_told_to_be_in_units_of_the_file(placed, tmp_path):
+    run = beside_a_wall(placed, tmp_path / "o.png", "arbitrary", 5.0, "--size", "0.3")
+    assert run.returncode == 0 and run.stderr.count("Z is taken in units of the object's") == 1
+    own = nlens(
+        placed / "plate.png", placed / "anim.glb", tmp_path / "p.png", "--plan",
+        "--fit", placed / "fit.json", "--holdout", tmp_path / "o.exr",
+    )  # fmt: skip
+    assert own.returncode == 0 and "Z is taken in" not in own.stdout
+
+
 def test_shadow_falls_on_what_a_depth_map_shows_off_the_ground(files, plain, tmp_path):
     camera = Scene.load(files / "anim.glb").camera(0.0, *SIZE[::-1])
 

@@ -157,13 +157,13 @@ def fit_json(path: Path, width=WIDTH, height=HEIGHT) -> Path:
     return path
 
 
-def camera_json(path: Path) -> Path:
-    """The camera of the shots as `solve` writes it."""
+def camera_json(path: Path, **values) -> Path:
+    """The camera of the shots as `solve` writes it, with further `values` of `SolvedCamera`."""
     key = CameraKey(
         index=0, pts_s=0.0, world_to_camera=camera().camera_from_world,
         fov_x_deg=float(np.degrees(2.0 * np.arctan(0.5 * WIDTH / camera().fx))),
     )  # fmt: skip
-    path.write_text(SolvedCamera(width=WIDTH, height=HEIGHT, keys=(key,)).to_json())
+    path.write_text(SolvedCamera(width=WIDTH, height=HEIGHT, keys=(key,), **values).to_json())
     return path
 
 

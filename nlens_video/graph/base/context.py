@@ -80,12 +80,14 @@ class OcclusionSource:
             frame's CoC map if that was estimated already.
         close: closes its file.
         depth: depth of a frame, from its index; None where the source is not one of depth.
+        notes: for the user, as of now.
     """
 
     description: str
     read: Callable[[int, Picture, CocMap | None], OcclusionCue]
     close: Callable[[], None] = lambda: None
     depth: Callable[[int], DepthMap] | None = None
+    notes: Callable[[], tuple[str, ...]] = tuple
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,18 +22,21 @@ from nlens_video.video.pixels.samples import Samples
 _CODE = 1.5 / 255.0  # tolerance of black and white in lossy codecs
 
 
-def open_holdout(spec: str, size: tuple[int, int]) -> HoldoutReader:
+def open_holdout(spec: str, size: tuple[int, int], unit_m: float = 1.0) -> HoldoutReader:
     """Open a matte or a depth map and read its first frame.
 
     Args:
         spec: a video, a picture, a `%04d` sequence, or OpenEXR: with a channel Z a depth map, else
             a matte. White is in front; alpha counts where the first frame has any that is not 1.
         size: width and height of the plate [px].
+        unit_m: the scene's unit; a depth map is in metres [m].
 
     Raises:
         InputError: it cannot be read, or has another size.
     """
-    return (ExrHoldout if spec.lower().endswith(".exr") else MatteReader)(spec, size)
+    if spec.lower().endswith(".exr"):
+        return ExrHoldout(spec, size, unit_m)
+    return MatteReader(spec, size)
 
 
 class MatteReader:
@@ -97,13 +100,15 @@ class ExrHoldout:
     Args:
         spec: a file, or a pattern whose smallest number on disk is frame 0.
         size: width and height of the plate [px].
+        unit_m: as of `open_holdout` [m].
 
     Attributes:
         holds_depth: whether it is depth, not a matte.
     """
 
-    def __init__(self, spec: str, size: tuple[int, int]) -> None:
+    def __init__(self, spec: str, size: tuple[int, int], unit_m: float = 1.0) -> None:
         self._size = size
+        self._unit_m = unit_m
         self._spec = spec
         self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
         self._start = self._files.first() if self._files else 0
@@ -160,7 +165,8 @@ class ExrHoldout:
             depth = image.on_display_window(self._channel(image, "Z"), np.inf)
             with np.errstate(invalid="ignore"):
                 there = (depth > 0.0) & (depth < FAR)
-            return DepthMap(np.where(there, depth, np.float32(np.inf)))
+            units = depth / np.float32(self._unit_m)
+            return DepthMap(np.where(there, units, np.float32(np.inf)))
         if self._by_alpha:
             return _matte(image.on_display_window(self._channel(image, "A")))
         if "Y" in image.channels:
