@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
@@ -15,6 +16,7 @@ from nlens_video.graph.foreground_file import read_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.video.info import SourceFrame
 
 _UNITLESS = (
     "--holdout {}: the plate's scale is not known, so Z is taken in units of the object's file; "
@@ -47,20 +49,8 @@ def open_occlusion_source(
     """
     real = objects.real
     if real.holdout is not None:
-        from nlens_video.video.input.holdout import ExrHoldout, open_holdout
-
-        reader = open_holdout(real.holdout, (view.width, view.height), view.unit_m or 1.0)
-        depth = reader.depth if isinstance(reader, ExrHoldout) and reader.holds_depth else None
-        unitless = depth is not None and view.unit_m is None and _is_placed(objects, scene)
-        notes = (_UNITLESS.format(real.holdout),) if unitless else ()
-        source = OcclusionSource(
-            reader.description,
-            lambda index, picture, plate_coc: reader.read(index),
-            reader.close,
-            depth,
-            lambda: notes,
-        )
-        return source, Finding(f"--holdout {reader.description}", wanted=True)
+        source = _open_holdout(real.holdout, objects, scene, view)
+        return source, Finding(f"--holdout {source.description}", wanted=True)
     finding = None
     if real.occlusion != "none" and again is not None:
         if real.found is not None:
@@ -72,12 +62,14 @@ def open_occlusion_source(
         if moving is not None and finding.wanted:
             return OcclusionSource(
                 "what moves before the shot's background",
-                lambda index, picture, plate_coc: moving.on_frame(index),
+                lambda frame, picture, plate_coc: moving.on_frame(frame.index),
             ), finding
     if real.occlusion != "auto" and not asked_for:
         return None, finding
 
-    def coc_of_frame(index: int, picture: Picture, plate_coc: CocMap | None) -> OcclusionCue:
+    def coc_of_frame(
+        frame: SourceFrame, picture: Picture, plate_coc: CocMap | None
+    ) -> OcclusionCue:
         """CoC map of this frame alone, since the foreground may move."""
         if plate_coc is not None and plate_coc.frames == 1:
             return plate_coc
@@ -86,6 +78,25 @@ def open_occlusion_source(
     source = OcclusionSource("F: CoC network on each frame, onnxruntime on the CPU", coc_of_frame)
     reason = "--occlusion auto: where the plate's CoC is certainly of nearer things"
     return source, Finding(reason, wanted=True) if real.occlusion == "auto" else finding
+
+
+def _open_holdout(spec: str, objects: ObjectSettings, scene: Scene, view: View) -> OcclusionSource:
+    """The matte or depth of a file, by the plate's own frame numbers."""
+    from nlens_video.video.input.holdout import ExrHoldout, open_holdout
+
+    reader = open_holdout(spec, (view.width, view.height), view.unit_m or 1.0)
+    source = OcclusionSource(
+        reader.description,
+        lambda frame, picture, plate_coc: reader.read(frame.number),
+        reader.close,
+        notes=reader.notes,
+    )
+    if not (isinstance(reader, ExrHoldout) and reader.holds_depth):
+        return source
+    depth = reader.depth
+    unitless = view.unit_m is None and _is_placed(objects, scene)
+    told = (_UNITLESS.format(spec),) if unitless else ()
+    return replace(source, depth=lambda frame: depth(frame.number), notes=lambda: told)
 
 
 def _is_placed(objects: ObjectSettings, scene: Scene) -> bool:

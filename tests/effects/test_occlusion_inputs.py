@@ -193,6 +193,22 @@ def test_holdout_video_is_matched_by_frame_for_a_piped_plate(files, tmp_path):
     assert same == [True, False, True, False]
 
 
+def test_lost_frames_of_the_plate_do_not_shift_its_mattes(files, tmp_path):
+    for number in range(5):
+        shots.write_png(tmp_path / f"p_{number}.png")
+        cv2.imwrite(str(tmp_path / f"m_{number}.png"), np.full(SIZE, 255 * (number > 2), np.uint8))
+    damaged = tmp_path / "p_1.png"
+    damaged.write_bytes(damaged.read_bytes()[:60])
+    run = nlens(
+        tmp_path / "p_%d.png", files / "anim.glb", tmp_path / "o_%d.png", "-q",
+        "--fit", files / "fit.json", "--preset", "realtime", "--holdout", tmp_path / "m_%d.png",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    plate = cv2.imread(str(files / "plate.png"))
+    same = {at: np.array_equal(cv2.imread(str(tmp_path / f"o_{at}.png")), plate) for at in (2, 3)}
+    assert same == {2: False, 3: True}
+
+
 def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
     cv2.imwrite(str(tmp_path / "small.png"), half()[::2, ::2])
     words = (files / "plate.png", files / "anim.glb", tmp_path / "o.png")

@@ -240,7 +240,7 @@ def test_ground_in_the_objects_shadow_is_as_dark_in_the_cards_too(scene):
             pose=scene.pose, pre_rendered=False, strength=1.0,
             light=SceneLight(0, sun=SunSettings(azimuth_deg=120.0, elevation_deg=35.0)),
         ),
-        occlusion=OcclusionSource("", lambda index, picture, plate_coc: None),
+        occlusion=OcclusionSource("", lambda frame, picture, plate_coc: None),
     )  # fmt: skip
     level, share = 0.5 * math.pi, 1.0 - walking_card.LEFT
     lamp = Lamp(sun(np.full(3, share * level / toward[1]), -toward))

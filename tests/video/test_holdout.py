@@ -72,6 +72,74 @@ def test_holdout_video_is_read_by_frame_with_exact_black_and_white(tmp_path):
     matte.close()
 
 
+def write_marked(folder, count=8):
+    """Pictures of a matte, each white on eight columns of its own; the pattern of their names."""
+    for number in range(count):
+        grey = np.zeros((48, 64), np.uint8)
+        grey[:, 8 * number : 8 * number + 8] = 255
+        png(folder / f"m_{number + 1:04d}.png", grey)
+    return str(folder / "m_%04d.png")
+
+
+def write_marked_movie(folder, pattern, count=8):
+    """The pictures as they are on disk, in a movie."""
+    path = folder / "m.mov"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("png", rate=24)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "gray"
+        for number in range(count):
+            grey = cv2.imread(pattern % (number + 1), cv2.IMREAD_GRAYSCALE)
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, "gray")))
+        container.mux(stream.encode())
+    return path
+
+
+def damage(path, number):
+    """Zeros in place of the beginning of a PNG in a file."""
+    data = bytearray(path.read_bytes())
+    starts = [at for at in range(len(data)) if data[at : at + 4] == b"\x89PNG"]
+    data[starts[number] : starts[number] + 40] = bytes(40)
+    path.write_bytes(data)
+
+
+def white_parts(holdout, count=8):
+    """The number of the white columns of each frame."""
+    rows = [holdout.read(index).coverage[0] for index in range(count)]
+    return [int(np.flatnonzero(row)[0]) // 8 for row in rows]
+
+
+@pytest.mark.parametrize("kind", ["png", "mov"])
+def test_damaged_matte_is_held_from_the_frame_before_and_shifts_no_other(tmp_path, kind):
+    spec = write_marked(tmp_path)
+    if kind == "png":
+        damage(tmp_path / "m_0004.png", 0)
+    else:
+        movie = write_marked_movie(tmp_path, spec)
+        damage(movie, 3)
+        spec = str(movie)
+    holdout = open_holdout(spec, SIZE)
+    assert white_parts(holdout) == [0, 1, 2, 2, 4, 5, 6, 7]
+    (note,) = holdout.notes()
+    assert "1 frame cannot be decoded: the matte of the frame before is held" in note
+    holdout.close()
+
+
+def test_matte_whose_first_picture_is_damaged_is_refused(tmp_path):
+    spec = write_marked(tmp_path)
+    damage(tmp_path / "m_0001.png", 0)
+    with pytest.raises(InputError, match="first picture cannot be decoded; make it again"):
+        open_holdout(spec, SIZE)
+
+
+def test_matte_that_changes_its_size_is_noted(tmp_path):
+    spec = write_marked(tmp_path)
+    png(tmp_path / "m_0004.png", np.zeros((24, 32), np.uint8))
+    holdout = open_holdout(spec, SIZE)
+    holdout.read(7)
+    (note,) = holdout.notes()
+    assert "from frame 3 on, 32x24" in note and "converted to 64x48" in note
+
+
 def test_holdout_sequence_starts_at_its_smallest_number(tmp_path):
     for number in range(3):
         png(tmp_path / f"m_{number + 11:04d}.png", np.full((48, 64), 100 * number, np.uint8))

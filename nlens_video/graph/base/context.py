@@ -76,17 +76,17 @@ class OcclusionSource:
 
     Attributes:
         description: the source in one phrase.
-        read: the occlusion cue of a frame, from its index, the plate before the composite, and the
-            frame's CoC map if that was estimated already.
+        read: the occlusion cue of a frame, from it, the plate before the composite, and the frame's
+            CoC map if that was estimated already.
         close: closes its file.
-        depth: depth of a frame, from its index; None where the source is not one of depth.
+        depth: depth of a frame; None where the source is not one of depth.
         notes: for the user, as of now.
     """
 
     description: str
-    read: Callable[[int, Picture, CocMap | None], OcclusionCue]
+    read: Callable[[SourceFrame, Picture, CocMap | None], OcclusionCue]
     close: Callable[[], None] = lambda: None
-    depth: Callable[[int], DepthMap] | None = None
+    depth: Callable[[SourceFrame], DepthMap] | None = None
     notes: Callable[[], tuple[str, ...]] = tuple
 
 

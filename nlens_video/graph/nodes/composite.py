@@ -80,7 +80,7 @@ class OcclusionCueNode(Node):
         bounds: ScreenBounds,
         plate_coc: CocMap | None,
     ) -> OcclusionCue:
-        return self._source.read(frame.index, picture, plate_coc)
+        return self._source.read(frame, picture, plate_coc)
 
 
 class ForegroundNode(Node):

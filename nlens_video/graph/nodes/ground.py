@@ -67,7 +67,7 @@ class PlateDepth(Node):
         self.description = source.description
 
     def __call__(self, frame: SourceFrame, bounds: ScreenBounds) -> DepthMap:
-        depth = self._depth(frame.index)
+        depth = self._depth(frame)
         if self._model is None:
             return depth
         return undistorted_depth(depth, DistortionMap.of(self._model, bounds.camera))

@@ -42,6 +42,8 @@ def open_holdout(spec: str, size: tuple[int, int], unit_m: float = 1.0) -> Holdo
 class MatteReader:
     """A matte that FFmpeg decodes; its frame n belongs to frame n of the plate.
 
+    For a frame that is damaged the one before it is held.
+
     Args:
         spec: a video, a picture or a `%04d` sequence.
         size: width and height of the plate [px].
@@ -55,13 +57,18 @@ class MatteReader:
         self._frames: Iterator[SourceFrame] = iter(self._source)
         try:
             _check_size(spec, (info.width, info.height), size)
-            self._index, first = 0, _samples(next(self._frames))
+            if info.kind == "sequence" and info.start_s > 0:
+                raise InputError(f"{spec}: the first picture cannot be decoded; make it again")
+            self._frame = next(self._frames)
+            first = _samples(self._frame)
         except BaseException:
             self.close()
             raise
         white = first.coding.peak or 1.0
         self._by_alpha = first.alpha is not None and bool((first.alpha < white).any())
-        self._last = self._matte(first)
+        self._read: Matte | None = self._matte(first)
+        self._later: SourceFrame | None = None
+        self._held: set[int] = set()
 
     @property
     def description(self) -> str:
@@ -74,14 +81,26 @@ class MatteReader:
         Raises:
             InputError: it has no such frame.
         """
-        while not self._still and self._index < index:
-            frame = next(self._frames, None)
+        while not self._still and self._frame.number < index:
+            frame = self._later or next(self._frames, None)
             if frame is None:
                 raise _ended(self._spec, index)
-            self._index += 1
-            if self._index == index:
-                self._last = self._matte(_samples(frame))
-        return self._last
+            if frame.number > index:
+                self._later = frame
+                self._held.add(index)
+                break
+            self._frame, self._later, self._read = frame, None, None
+        if self._read is None:
+            self._read = self._matte(_samples(self._frame))
+        return self._read
+
+    def notes(self) -> tuple[str, ...]:
+        """Irregularities so far, for the user."""
+        found = list(self._source.warnings())
+        if self._held:
+            frames = "1 frame" if len(self._held) == 1 else f"{len(self._held)} frames"
+            found.append(f"{frames} cannot be decoded: the matte of the frame before is held")
+        return tuple(f"--holdout {self._spec}: {one}" for one in found)
 
     def close(self) -> None:
         """Close the file."""
@@ -146,6 +165,10 @@ class ExrHoldout:
         found = self.read(index)
         assert isinstance(found, DepthMap)
         return found
+
+    def notes(self) -> tuple[str, ...]:
+        """None: a file that is irregular is refused."""
+        return ()
 
     def close(self) -> None:
         """Nothing: no file stays open between frames."""
