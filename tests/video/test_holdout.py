@@ -170,6 +170,23 @@ def test_exr_depth_holdout_treats_invalid_and_far_depth_as_infinite(tmp_path):
     assert np.isinf(read.depth[:, 32:]).all() and np.isinf(read.depth[:2]).all()
 
 
+@pytest.mark.parametrize("depth", [-2.5, np.nan, 0.0])
+def test_exr_depth_that_is_nowhere_positive_is_refused(tmp_path, depth):
+    write_layers(tmp_path / "z.exr", {"Z": np.full((48, 64), depth, np.float32)})
+    with pytest.raises(InputError, match="Z is nowhere positive; write the distance in front of"):
+        open_holdout(str(tmp_path / "z.exr"), SIZE)
+
+
+def test_exr_depth_sequence_may_have_frames_without_a_thing(tmp_path):
+    for number, depth in enumerate((0.0, 2.5, 1e10, -2.5)):
+        path = tmp_path / f"z_{number}.exr"
+        write_layers(path, {"Z": np.full((48, 64), depth, np.float32)})
+    holdout = open_holdout(str(tmp_path / "z_%d.exr"), SIZE)
+    assert [float(holdout.read(index).depth.min()) for index in range(3)] == [np.inf, 2.5, np.inf]
+    with pytest.raises(InputError, match="z_3.exr: Z is nowhere positive"):
+        holdout.read(3)
+
+
 @pytest.mark.parametrize("channels", ["A", "Y", "RGB", "RGBA"])
 def test_holdout_matte_is_read_from_exr(tmp_path, channels):
     share = steps().astype(np.float32) / 255

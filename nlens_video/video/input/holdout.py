@@ -181,7 +181,16 @@ class ExrHoldout:
                 raise _ended(str(path), index)
         image = read_exr(path)
         _check_size(str(path), (image.width, image.height), self._size)
+        if "Z" in image.channels:
+            self._check_depth(path, image.channels["Z"])
         return image
+
+    def _check_depth(self, path: Path, depth: Float32) -> None:
+        """Refuse depth that hides nothing; in a sequence zeros are a frame without a thing."""
+        if not (depth > 0.0).any() and (depth.any() or self._files is None):
+            raise InputError(
+                f"{path}: Z is nowhere positive; write the distance in front of the camera"
+            )
 
     def _read(self, image: ExrImage) -> Matte | DepthMap:
         if self.holds_depth:
