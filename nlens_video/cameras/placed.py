@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nlens_video.cameras.placement import contact_depth
-from nlens_video.cameras.solved import SolvedCamera, undistorted
+from nlens_video.cameras.placement import contact_depth, shown_at
+from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import NoGroundError, SceneError, UsageError
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.optics import Distortion
 from nlens_video.core.placement import SMALLEST, GroundPlacing, Placement, usual_size
 from nlens_video.scene.camera import Camera
 
@@ -52,8 +53,9 @@ def in_solved_world(solved: SolvedCamera) -> PlacedCamera:
 
 
 def place_on_ground(
-    vertices: Float32, contact: Float64, placing: Placement, solved: SolvedCamera, time_s: float
-) -> PlacedCamera:
+    vertices: Float32, contact: Float64, placing: Placement, solved: SolvedCamera, time_s: float,
+    lens: Distortion | None = None,
+) -> PlacedCamera:  # fmt: skip
     """The cameras that show an object on the plate's ground, where it stays as they move.
 
     Args:
@@ -62,12 +64,13 @@ def place_on_ground(
         placing: where the frame shows it, and how large.
         solved: the plate's cameras.
         time_s: time of that frame [s].
+        lens: the distortion that the object is given, None for none.
 
     Raises:
         SceneError: the frame shows no ground there, or the object would reach behind the camera.
     """
     camera = solved.at(time_s)
-    ray, depth = _on_ground(placing.at, solved, camera)
+    ray, depth = ground_seen_at(placing.at, camera, solved.ground_y, lens)
     turn = _turn(placing.yaw_deg, camera)
     axes = turn @ camera.world_from_camera[:3, :3]
     wanted = contact_depth(vertices, contact, placing, axes, ray, camera.fy, camera.height)
@@ -75,8 +78,9 @@ def place_on_ground(
 
 
 def stand_on_ground(
-    vertices: Float32, contact: Float64, wish: GroundPlacing, solved: SolvedCamera, time_s: float
-) -> tuple[PlacedCamera, str]:
+    vertices: Float32, contact: Float64, wish: GroundPlacing, solved: SolvedCamera, time_s: float,
+    lens: Distortion | None = None,
+) -> tuple[PlacedCamera, str]:  # fmt: skip
     """The cameras that show an object on the plate's ground, where it is wished or chosen.
 
     A chosen place is the one that the solve found free, at its first frame, else the middle of the
@@ -88,6 +92,7 @@ def stand_on_ground(
         wish: where it stands, and how large.
         solved: the plate's cameras.
         time_s: time of the frame that `wish.at` is of [s].
+        lens: as of `place_on_ground`.
 
     Returns:
         The cameras, and the options that give this placement.
@@ -102,12 +107,14 @@ def stand_on_ground(
     said = f"--at {at[0]:.4g},{at[1]:.4g}"
     turned = f"--yaw {wish.yaw_deg:.4g}"
     if wish.height_m is not None:
-        placed = _at_height(vertices, contact, at, wish.height_m, wish.yaw_deg, solved, time_s)
+        placed = _at_height(
+            vertices, contact, at, wish.height_m, wish.yaw_deg, solved, time_s, lens
+        )
         return placed, f"{said} --height {wish.height_m:.4g}m {turned}"
     size = usual_size(at) if wish.size is None else wish.size
     while True:
         placing = Placement(at=at, size=size, yaw_deg=wish.yaw_deg, horizon=None)
-        placed = place_on_ground(vertices, contact, placing, solved, time_s)
+        placed = place_on_ground(vertices, contact, placing, solved, time_s, lens)
         fits = wish.size is not None or size < SMALLEST or _in_frame(vertices, placed.at(time_s))
         if fits:
             return placed, placing.describe()
@@ -116,7 +123,7 @@ def stand_on_ground(
 
 def _at_height(
     vertices: Float32, contact: Float64, at: tuple[float, float], height_m: float, yaw_deg: float,
-    solved: SolvedCamera, time_s: float,
+    solved: SolvedCamera, time_s: float, lens: Distortion | None,
 ) -> PlacedCamera:  # fmt: skip
     if solved.scale != "metres":
         raise UsageError(
@@ -127,19 +134,13 @@ def _at_height(
     if not tall > 0.0:
         raise SceneError(f"--height {height_m:g}m: the object does not rise above its ground")
     camera = solved.at(time_s)
-    ray, depth = _on_ground(at, solved, camera)
+    ray, depth = ground_seen_at(at, camera, solved.ground_y, lens)
     turn = _turn(yaw_deg, camera)
     return _standing(contact, solved, camera, turn, ray, depth, tall / height_m)
 
 
-def _on_ground(
-    at: tuple[float, float], solved: SolvedCamera, camera: Camera
-) -> tuple[Float64, float]:
-    return ground_seen_at(at, camera, solved.ground_y, solved.distortion_k1)
-
-
 def ground_seen_at(
-    at: tuple[float, float], camera: Camera, ground_y: float, distortion_k1: float = 0.0
+    at: tuple[float, float], camera: Camera, ground_y: float, lens: Distortion | None
 ) -> tuple[Float64, float]:
     """Where a camera sees the ground at a place of its frame.
 
@@ -147,7 +148,7 @@ def ground_seen_at(
         at: column and row [frame width, frame height].
         camera: of that moment.
         ground_y: height of the ground [scene unit].
-        distortion_k1: of the lens, as of `SolvedCamera` [1].
+        lens: its distortion, None for a pinhole.
 
     Returns:
         The direction in camera axes (3,), with z = -1, and the ground's depth [scene unit].
@@ -155,8 +156,7 @@ def ground_seen_at(
     Raises:
         SceneError: the place lies above the horizon.
     """
-    shown = np.array([[at[0] * camera.width, at[1] * camera.height]])
-    places = undistorted(shown, camera, distortion_k1)
+    places = shown_at(at, camera, lens)
     depth = float(camera.ground_seen_at(places, ground_y)[1][0])
     if not depth > 0.0:
         raise SceneError(

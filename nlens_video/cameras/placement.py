@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from nlens_video.cameras.solved import undistorted
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.optics import Distortion
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM, Placement
 from nlens_video.scene.camera import Camera
 
@@ -38,6 +40,7 @@ def place_camera(
     focal_35mm: float,
     frame: tuple[int, int],
     pixel_aspect: float = 1.0,
+    lens: Distortion | None = None,
 ) -> Camera:
     """The camera that shows an object at its placement under a given horizon.
 
@@ -50,6 +53,7 @@ def place_camera(
         focal_35mm: 35 mm equivalent focal length, by the frame's diagonal [mm].
         frame: columns and rows [px].
         pixel_aspect: width of a pixel by its height [1].
+        lens: the distortion that the object is given, None for none.
 
     Raises:
         SceneError: so large that the object would reach behind the camera, or it has no height.
@@ -57,11 +61,11 @@ def place_camera(
     """
     width, height = frame
     fy = focal_35mm / FULL_FRAME_DIAGONAL_MM * math.hypot(width * pixel_aspect, height)
-    fx = fy / pixel_aspect
     roll = math.radians(placing.roll_deg)
     pitch = math.atan((placing.horizon_row - 0.5) * height / fy * math.cos(roll))  # upwards
     turned = _turn(math.radians(-placing.yaw_deg), pitch, roll)
-    ray = np.array([(placing.at[0] - 0.5) * width / fx, -(placing.at[1] - 0.5) * height / fy, -1.0])
+    pinhole = Camera.centred(np.eye(4), fy, width, height, pixel_aspect)
+    ray = pinhole.rays(shown_at(placing.at, pinhole, lens))[0]
     if not (turned @ ray)[1] < 0.0:
         raise placing.no_ground
     depth = contact_depth(vertices, contact, placing, turned, ray, fy, height)
@@ -69,6 +73,17 @@ def place_camera(
     pose[:3, :3] = turned
     pose[:3, 3] = contact - depth * (turned @ ray)
     return Camera.centred(pose, fy, width, height, pixel_aspect)
+
+
+def shown_at(at: tuple[float, float], camera: Camera, lens: Distortion | None) -> Float64:
+    """Where a pinhole sees what the plate shows at a place (1, 2) [px].
+
+    Args:
+        at: column and row [frame width, frame height].
+        camera: the pinhole.
+        lens: as of `undistorted`.
+    """
+    return undistorted(np.array([[at[0] * camera.width, at[1] * camera.height]]), camera, lens)
 
 
 def contact_depth(

@@ -11,9 +11,10 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from nlens_video.core.box import undistorted_radius
+from nlens_video.core.box import Box, half_diagonal, undistorted_radius
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
+from nlens_video.core.optics import Distortion
 from nlens_video.scene.camera import Camera
 
 FovSource = Literal["measured", "metadata", "assumed"]
@@ -122,6 +123,12 @@ class SolvedCamera:
     points: Float64 | None = None
     pixel_aspect: float = 1.0
     fov_told_deg: tuple[float, float] | None = None
+
+    @property
+    def distortion(self) -> Distortion | None:
+        """Of the lens, None for a pinhole."""
+        k1 = self.distortion_k1
+        return Distortion(k1=k1, focal_normalized=True) if k1 else None
 
     @property
     def aspect(self) -> float:
@@ -250,24 +257,28 @@ def _frame(width: int, height: int, pixel_aspect: float) -> str:
     return f"{width}x{height}" + ("" if square else f" with pixels of {pixel_aspect:.4g}:1")
 
 
-def undistorted(pixels: Float64, camera: Camera, k1: float) -> Float64:
+def undistorted(pixels: Float64, camera: Camera, lens: Distortion | None) -> Float64:
     """Where a pinhole sees what a lens with distortion shows.
 
     Args:
         pixels: places in the plate (N, 2) [px].
         camera: the pinhole.
-        k1: as of `SolvedCamera`.
+        lens: its distortion, None for a pinhole.
 
     Returns:
         Places (N, 2) [px]; those that no pinhole sees stay.
     """
-    if not k1 or not len(pixels):
+    if lens is None or not len(pixels):
         return pixels
-    flat = (pixels - (camera.cx, camera.cy)) / (camera.fx, camera.fy)
+    centre, unit = (camera.cx, camera.cy), (camera.fx, camera.fy)
+    if not lens.focal_normalized:
+        half = half_diagonal(Box(0, 0, camera.width, camera.height))
+        centre, unit = (0.5 * camera.width, 0.5 * camera.height), (half, half)
+    flat = (pixels - centre) / unit
     far = np.linalg.norm(flat, axis=1)
-    scale = undistorted_radius(k1, 0.0, far) / np.maximum(far, 1e-9)
+    scale = undistorted_radius(lens.k1, lens.k2, far) / np.maximum(far, 1e-9)
     scale[~np.isfinite(scale) | (far < 1e-9)] = 1.0
-    return np.asarray(flat * scale[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy))
+    return np.asarray(flat * scale[:, None] * unit + centre)
 
 
 def rigid_matrix(raw: object) -> Float64 | None:

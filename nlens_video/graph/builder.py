@@ -61,7 +61,7 @@ def open_dependencies(
     """
     ground = replace(shadow_scene(objects, scene), moments=moments_of(scene, view.length_s))
     request = EffectRequest.parse(lens.effects)
-    possible = {spec.type.effect for spec in pipeline.nodes}.intersection(request.possible)
+    possible = pipeline.effects.intersection(request.possible)
     again = plate.again if OCCLUSION in possible else None
     reads_first = plate.begins_run and DEFOCUS in possible and lens.fit is None
     reads_first = reads_first and objects.layers is None and begins_in_frame(scene, view)

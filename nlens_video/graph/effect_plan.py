@@ -22,7 +22,6 @@ from nlens_video.effects.measurement import (
     measure_plate,
     overridden,
     shutter_angle,
-    solved_distortion,
 )
 from nlens_video.effects.planner import (
     DEFOCUS,
@@ -37,6 +36,7 @@ from nlens_video.effects.planner import (
     restrict_to_pipeline,
 )
 from nlens_video.graph.base.context import ReadAgain, ShadowScene
+from nlens_video.graph.base.followed_lens import DISTORTION, known_distortion
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import PipelineFile
@@ -44,7 +44,6 @@ from nlens_video.scene.illumination import reaches
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 
-_DISTORTION = "distortion"
 _ROUND_ONLY = "aperture: the pipeline {!r} blurs by round discs alone; use --preset standard"
 _SEEN_PX = 1.0  # distance off at the corners from which on it is said
 
@@ -190,13 +189,12 @@ def plan_effects(
         UsageError: an effect that does not exist, or that the pipeline has no node for.
     """
     solved = view.solved
-    simulated = frozenset(spec.type.effect for spec in pipeline.nodes if spec.type.effect)
+    simulated = pipeline.effects
     possible = simulated.intersection(EffectRequest.parse(lens.effects).possible)
     measured: dict[str, Measurement] = overridden(lens.optics)
-    if solved is not None and solved.distortion_k1 and _DISTORTION in possible - set(measured):
-        camera = solved.at(solved.keys[0].pts_s)
-        half = 0.5 * math.hypot(camera.width, camera.height) / camera.fx
-        measured[_DISTORTION] = solved_distortion(solved.distortion_k1, half)
+    known = known_distortion(lens.optics, solved)
+    if known is not None and DISTORTION in possible:
+        measured[DISTORTION] = known
     unknown = possible.intersection(PLATE_EFFECTS).difference(measured)
     shutter = lens.shutter
     reads_shutter = (
@@ -223,7 +221,7 @@ def plan_effects(
         for effect, option in _given_options(objects, lens.optics)
         if effect in dropped
     )
-    if solved is not None and _DISTORTION not in simulated:
+    if solved is not None and DISTORTION not in simulated:
         notes += _not_distorted(solved, pipeline.name)
     return EffectPlan(decisions, measured, shutter, aperture, (*aperture_notes, *notes))
 
@@ -254,7 +252,7 @@ def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[t
     if optics.vignetting_stops is not None:
         yield "vignetting", f"--vignetting {optics.vignetting_stops:g}"
     if optics.distortion is not None:
-        yield _DISTORTION, "--distortion {:g},{:g}".format(*optics.distortion)
+        yield DISTORTION, "--distortion {:g},{:g}".format(*optics.distortion)
 
 
 def _read_shutter(assumed: Shutter, angle: float | None) -> Shutter:

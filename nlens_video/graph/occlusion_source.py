@@ -11,6 +11,7 @@ from nlens_video.effects.finding import Finding
 from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
+from nlens_video.graph.base.objects_on_ground import is_placed
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_file import read_foreground
 from nlens_video.graph.moving_foreground import find_moving_foreground
@@ -94,11 +95,6 @@ def _open_holdout(spec: str, objects: ObjectSettings, scene: Scene, view: View) 
     if not (isinstance(reader, ExrHoldout) and reader.holds_depth):
         return source
     depth = reader.depth
-    unitless = view.unit_m is None and _is_placed(objects, scene)
+    unitless = view.unit_m is None and is_placed(objects, scene)
     told = (_UNITLESS.format(spec),) if unitless else ()
     return replace(source, depth=lambda frame: depth(frame.number), notes=lambda: told)
-
-
-def _is_placed(objects: ObjectSettings, scene: Scene) -> bool:
-    """Whether the object is scaled to the plate, not seen as its file has it."""
-    return bool(objects.placing or objects.on_ground or not scene.camera_names)

@@ -89,6 +89,11 @@ class PipelineFile:
     nodes: tuple[NodeSpec, ...]
     notes: tuple[str, ...] = ()
 
+    @property
+    def effects(self) -> frozenset[str]:
+        """The effects that it has nodes for."""
+        return frozenset(spec.type.effect for spec in self.nodes if spec.type.effect)
+
 
 def pipelines_folder() -> Path:
     """Where the shipped pipelines lie: in the installed package, or beside it in a checkout."""
@@ -174,11 +179,7 @@ def _spec(entry: object, path: Path) -> NodeSpec:
 def _check_options(node: type[Node], options: dict[str, object], path: Path) -> None:
     """See that a node has options of these names, types and ranges."""
     parameters = inspect.signature(node.__init__).parameters
-    known = {
-        name: parameter
-        for name, parameter in parameters.items()
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY
-    }
+    known = {name: one for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
     ranges = {name: (least, most) for name, least, most in node.ranges}
     for name, value in options.items():
         if name not in known:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import Decision
@@ -16,9 +17,10 @@ from nlens_video.graph.adaptive_quality import (
 )
 from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import CocEstimator, NodeContext
+from nlens_video.graph.base.followed_lens import DISTORTION, followed_distortion
 from nlens_video.graph.base.ground_level import note_on_ground
 from nlens_video.graph.base.node import Node
-from nlens_video.graph.base.objects_on_ground import load_scene, stage
+from nlens_video.graph.base.objects_on_ground import is_placed, load_scene, stage
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.timeline import notes_on_timing
 from nlens_video.graph.base.view import View
@@ -166,6 +168,12 @@ def open_session(
     pipeline = pipeline or load_pipeline(lens.preset)
     if scene is None:
         scene = load_scene(objects)
+    placed = is_placed(objects, scene) or objects.others or objects.keys
+    measure = partial(plate.measured, {DISTORTION}) if placed else dict
+    distortion = followed_distortion(
+        lens.effects, pipeline.effects, lens.optics, view.solved, measure
+    )
+    view = replace(view, distortion=distortion)
     staged = stage(objects, scene, view)
     ground_given = objects.ground_y is not None
     objects, scene, view = staged.objects, staged.scene, staged.view

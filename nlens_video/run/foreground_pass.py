@@ -35,7 +35,7 @@ def foreground_pass(settings: Settings, path: Path) -> bool:
         return False
     if OCCLUSION not in EffectRequest.parse(settings.effects).possible:
         return False
-    if all(spec.type.effect != OCCLUSION for spec in load_pipeline(settings.preset).nodes):
+    if OCCLUSION not in load_pipeline(settings.preset).effects:
         return False
     with opened(settings.source) as source:
         info = source.info

@@ -16,10 +16,12 @@ from nlens_video.core.settings import Settings, SourceSettings
 from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
+from nlens_video.graph.base.followed_lens import followed_distortion
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
+from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.scheduler import run_in_thread
 from nlens_video.graph.session import LensPasses, Session, open_session
 from nlens_video.run.frame_range import ChunkRange, FrameRange, SourceSlice, look_ahead
@@ -221,6 +223,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
     focal, solved = tagged_focal(info), None
     if file is not None:
         solved = read_camera(file, size, info.average_rate, info.time_base, info.pixel_aspect)
+    simulated = load_pipeline(settings.preset).effects
     return View(
         frame_s=frame_s(info),
         length_s=length_s(info),
@@ -230,6 +233,7 @@ def view_of(settings: Settings, info: SourceInfo) -> View:
         camera=settings.scene.camera,
         focal_35mm=None if focal is None else focal.equivalent_mm,
         solved=solved,
+        distortion=followed_distortion(settings.effects, simulated, settings.optics, solved),
     )
 
 

@@ -103,7 +103,7 @@ def reproject(seen: Observations, times_s: list[float], solved: SolvedCamera) ->
     cameras = [solved.at(times_s[frame]) for frame in frames]
     for place, camera in enumerate(cameras if solved.distortion_k1 else ()):
         here = places == place
-        pixels[here] = undistorted(pixels[here], camera, solved.distortion_k1)
+        pixels[here] = undistorted(pixels[here], camera, solved.distortion)
     poses = np.array([camera.world_from_camera for camera in cameras])[places]
     lens = np.array([(c.fx, c.fy, c.cx, c.cy) for c in cameras])[places]
     rays = np.column_stack([

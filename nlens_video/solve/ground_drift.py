@@ -10,6 +10,7 @@ import numpy as np
 
 from nlens_video.cameras.solved import undistorted
 from nlens_video.core.layers import Box, Float32, Float64
+from nlens_video.core.optics import Distortion
 from nlens_video.scene.camera import Camera
 
 LIMIT_PX, LIMIT_SHARE = 2.0, 0.002
@@ -114,7 +115,8 @@ def seen_by_pinhole(
     if not distortion_k1 or not points:
         return points
     shown = np.array(list(points.values()), np.float64)
-    seen = undistorted(shown, camera, distortion_k1).astype(np.float32)
+    lens = Distortion(k1=distortion_k1, focal_normalized=True)
+    seen = undistorted(shown, camera, lens).astype(np.float32)
     return dict(zip(points, seen, strict=True))
 
 

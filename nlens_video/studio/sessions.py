@@ -54,7 +54,7 @@ def previewed(settings: Settings, kind: Picturing) -> Settings:
     if preset != settings.preset:
         # effects that only another pipeline simulates would be refused
         asked = EffectRequest.parse(effects)
-        simulated = {spec.type.effect for spec in load_pipeline(preset).nodes}
+        simulated = load_pipeline(preset).effects
         names = [asked.base, *(f"+{one}" for one in sorted(asked.added & simulated))]
         effects = ",".join([*names, *(f"-{one}" for one in sorted(asked.removed))])
     return replace(
@@ -93,6 +93,7 @@ def placed(
 
     With `hold_light` the light from around is that of the session.
     """
+    view = replace(view, distortion=base.view.distortion)
     staged = stage(settings.scene, scene, view)
     scene, notes = staged.scene, staged.notes
     view = replace(staged.view, overscan_px=overscan_px(scene, staged.view, base.context.measured))

@@ -56,6 +56,11 @@ def load_scene(objects: ObjectSettings) -> Scene:
     return first.joined(others)
 
 
+def is_placed(objects: ObjectSettings, first: Scene) -> bool:
+    """Whether the first object is put at a place of the plate, not seen as its file has it."""
+    return bool(objects.placing or objects.on_ground or not first.camera_names)
+
+
 def stage(objects: ObjectSettings, scene: Scene, view: View) -> Staged:
     """Choose the camera and place the objects.
 
@@ -83,7 +88,7 @@ def stage(objects: ObjectSettings, scene: Scene, view: View) -> Staged:
     if objects.keys:
         standing = _Standing(objects.glb, vertices, contact, ground)
         motions = [standing.motion(None, 0.0, objects.keys)]
-    moved = objects.placing is not None or objects.on_ground is not None or not first.camera_names
+    moved = is_placed(objects, first)
     for number, other in enumerate(objects.others, 1):
         if other.placing is None and moved:
             raise UsageError(f"{other.glb}: give at and size too, as the first object is placed")
@@ -143,9 +148,8 @@ class _Ground:
 
     def point(self, at: tuple[float, float], time_s: float) -> Float64:
         """The point (3,) that a place of the frame shows at a time."""
-        camera, solved = self.camera(time_s), self.view.solved
-        bent = 0.0 if solved is None or self.view.cameras is None else solved.distortion_k1
-        ray, depth = ground_seen_at(at, camera, self.height, bent)
+        camera = self.camera(time_s)
+        ray, depth = ground_seen_at(at, camera, self.height, self.view.distortion)
         pose = camera.world_from_camera
         return np.asarray(pose[:3, 3] + depth * pose[:3, :3] @ ray)
 

@@ -15,6 +15,7 @@ from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import NoGroundError, Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
+from nlens_video.core.optics import Distortion
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placement, focal_of_fov
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.kernels.scatter.furthest import furthest_reach
@@ -44,6 +45,8 @@ class View:
         placed: a camera that stands in for those of the file, None where there is none.
         solved: the plate's cameras, None where they are not known.
         cameras: those, in the world of the file, None before `choose_camera`.
+        distortion: that the object is given, and that its place in the frame takes into account;
+            None for none.
         overscan_px: how far beyond the frame the object is rendered, without its blur [px].
         frame_s: from one frame to the next on average, 0 for a still or where unknown [s].
         length_s: of the plate, None where it is not known [s].
@@ -57,6 +60,7 @@ class View:
     placed: Camera | None = None
     solved: SolvedCamera | None = None
     cameras: PlacedCamera | None = None
+    distortion: Distortion | None = None
     overscan_px: int = 0
     frame_s: float = 0.0
     length_s: float | None = None
@@ -178,7 +182,9 @@ def _placed_by_eye(
     )
     vertices = scene.pose(0.0).vertices()
     contact = contact_point(vertices, objects.ground_y)
-    camera = place_camera(vertices, contact, placing, focal, size, view.pixel_aspect)
+    camera = place_camera(
+        vertices, contact, placing, focal, size, view.pixel_aspect, view.distortion
+    )
     return replace(view, placed=camera), note
 
 
@@ -201,7 +207,7 @@ def _with_solved_camera(
         time_s = keys[0] if keys else solved.keys[0].pts_s
     wish = wish or GroundPlacing()
     try:
-        cameras, said = stand_on_ground(vertices, contact, wish, solved, time_s)
+        cameras, said = stand_on_ground(vertices, contact, wish, solved, time_s, view.distortion)
     except NoGroundError:
         if len(solved.keys) > 1 or wish.height_m is not None:
             raise
