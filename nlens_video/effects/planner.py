@@ -22,6 +22,7 @@ EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE
 Base = Literal["auto", "all", "none"]
 GIVE = "give --holdout PATH or --occlusion auto"
 _ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
+LEFT_OUT = "left out by --effects"
 _NOT_MEASURED = "not measured"
 _EACH_FRAME = "decided on each frame"
 
@@ -198,7 +199,7 @@ def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
     """A decision as `--effects` changes it."""
     effect = called_for.effect
     if effect in asked.removed or (asked.base == "none" and effect not in asked.added):
-        return Decision(effect=effect, wanted=False, reason="left out by --effects")
+        return Decision(effect=effect, wanted=False, reason=LEFT_OUT)
     if asked.base == "none":
         return Decision(effect=effect, wanted=True, reason="asked for by --effects")
     if not asked.asks_for(effect) or called_for.wanted:
@@ -220,8 +221,7 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
         Decision(effect=effect, wanted=wanted, reason=reason)
         for effect, (wanted, reason) in by_scene.items()
     ]
-    if shot.occlusion is not None:
-        found = shot.occlusion
+    if (found := shot.occlusion) is not None:
         decisions[EFFECTS.index(OCCLUSION)] = Decision(
             effect=OCCLUSION, wanted=found.wanted, reason=found.reason, measured=found.certainty,
             threshold=found.threshold,

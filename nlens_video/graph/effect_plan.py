@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 
-from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
@@ -25,6 +23,7 @@ from nlens_video.effects.measurement import (
 )
 from nlens_video.effects.planner import (
     DEFOCUS,
+    LEFT_OUT,
     MOTION_BLUR,
     OCCLUSION,
     REFLECTION,
@@ -36,7 +35,7 @@ from nlens_video.effects.planner import (
     restrict_to_pipeline,
 )
 from nlens_video.graph.base.context import ReadAgain, ShadowScene
-from nlens_video.graph.base.followed_lens import DISTORTION, known_distortion
+from nlens_video.graph.base.followed_lens import DISTORTION, known_distortion, note_if_straight
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import PipelineFile
@@ -45,7 +44,6 @@ from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 
 _ROUND_ONLY = "aperture: the pipeline {!r} blurs by round discs alone; use --preset standard"
-_SEEN_PX = 1.0  # distance off at the corners from which on it is said
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,44 +213,46 @@ def plan_effects(
     facts = _shot_facts(objects, scene, ground, occlusion(), shutter, measured)
     wanted = decide(lens.effects, facts)
     decisions = restrict_to_pipeline(wanted, simulated, pipeline.name, lens.effects)
-    dropped = {one.effect for one in wanted if one.wanted and one.effect not in simulated}
+    ignored = {one.effect: _why_ignored(one, pipeline, lens.effects) for one in wanted}
     notes = tuple(
-        f"{option}: the pipeline {pipeline.name!r} has no node for {effect}; use --preset standard"
-        for effect, option in _given_options(objects, lens.optics)
-        if effect in dropped
+        f"{option}: {ignored[effect]}"
+        for effect, option in _given_options(objects, lens)
+        if ignored[effect]
     )
     if solved is not None and DISTORTION not in simulated:
-        notes += _not_distorted(solved, pipeline.name)
+        notes += note_if_straight(solved, pipeline.name)
     return EffectPlan(decisions, measured, shutter, aperture, (*aperture_notes, *notes))
 
 
-def _not_distorted(solved: SolvedCamera, pipeline: str) -> tuple[str, ...]:
-    """A note where a pipeline leaves the object where a pinhole sees it, and the lens does not."""
-    camera = solved.at(solved.keys[0].pts_s)
-    corner_px = 0.5 * math.hypot(camera.width, camera.height)
-    off_px = abs(solved.distortion_k1) * (corner_px / camera.fx) ** 2 * corner_px
-    if off_px < _SEEN_PX:
-        return ()
-    return (
-        f"the plate's lens is distorted (k1 {solved.distortion_k1:+.3f}), the pipeline "
-        f"{pipeline!r} has no node for distortion: towards the corners the object is off by up to "
-        f"{off_px:.0f} px; use --preset standard",
-    )
+def _why_ignored(decision: Decision, pipeline: PipelineFile, asked: str) -> str:
+    """Why an effect is not simulated whatever option is given for it; empty where it may be."""
+    if decision.reason == LEFT_OUT:
+        return f"--effects {asked} leaves {decision.effect} out; add it there"
+    if decision.wanted and decision.effect not in pipeline.effects:
+        return (
+            f"the pipeline {pipeline.name!r} has no node for {decision.effect}; "
+            "use --preset standard"
+        )
+    return ""
 
 
-def _given_options(objects: ObjectSettings, optics: LensOverrides) -> Iterator[tuple[str, str]]:
-    """Effects for which an option of their own is given, and that option."""
-    real = objects.real
-    if objects.light.shadow_strength is not None:
+def _given_options(objects: ObjectSettings, lens: LensRequest) -> Iterator[tuple[str, str]]:
+    """Effects that an option of their own asks for or shapes, and that option."""
+    real, optics = objects.real, lens.optics
+    if objects.light.shadow_strength:
         yield SHADOW, f"--shadow-strength {objects.light.shadow_strength:g}"
-    if real.reflectance is not None:
+    if real.reflectance:
         yield REFLECTION, f"--ground-reflectance {real.reflectance:g}"
     if real.holdout is not None or real.occlusion == "auto":
         yield OCCLUSION, "--occlusion auto" if real.holdout is None else f"--holdout {real.holdout}"
-    if optics.vignetting_stops is not None:
+    if optics.vignetting_stops:
         yield "vignetting", f"--vignetting {optics.vignetting_stops:g}"
-    if optics.distortion is not None:
+    if optics.distortion is not None and any(optics.distortion):
         yield DISTORTION, "--distortion {:g},{:g}".format(*optics.distortion)
+    if lens.shutter_deg:
+        yield MOTION_BLUR, f"--shutter-angle {lens.shutter_deg:g}"
+    if lens.aperture is not None and not lens.aperture.round:
+        yield DEFOCUS, "--aperture" if lens.aperture.blades or lens.aperture.image else "--cat-eye"
 
 
 def _read_shutter(assumed: Shutter, angle: float | None) -> Shutter:

@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Literal
 
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.core.optics import LensOverrides
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SunSettings
 from nlens_video.effects.planner import (
     OCCLUSION,
@@ -71,7 +72,10 @@ def without_lens(settings: Settings, decisions: Sequence[Decision]) -> Settings:
         decisions: which effects it has.
     """
     kept = [one.effect for one in decisions if one.wanted and one.effect in _OF_THE_SCENE]
-    return replace(settings, effects=",".join(kept) or "none")
+    return replace(
+        settings, effects=",".join(kept) or "none",
+        optics=LensOverrides(), shutter_deg=None, aperture=None,
+    )  # fmt: skip
 
 
 def without_sun(objects: ObjectSettings) -> ObjectSettings:

@@ -1,11 +1,11 @@
-"""Notes on options whose effect the pipeline lacks."""
+"""Notes on options whose effect the pipeline lacks, or `--effects` leaves out."""
 
 import numpy as np
 import pytest
 from support import shots
 
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
-from nlens_video.core.optics import LensOverrides
+from nlens_video.core.optics import ROUND, Aperture, LensOverrides
 from nlens_video.core.settings import LightSettings, ObjectSettings, RealSettings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
@@ -31,12 +31,12 @@ def bare(tmp_path_factory):
     return str(path)
 
 
-def notes(glb, preset, light=None, real=None, optics=None, solved=None):
+def notes(glb, preset, light=None, real=None, optics=None, solved=None, effects="auto", **lens):
     objects = ObjectSettings(glb=glb, light=light or LightSettings(), real=real or RealSettings())
-    lens = LensRequest(preset=preset, effects="auto", optics=optics or LensOverrides())
+    lens = LensRequest(preset=preset, effects=effects, optics=optics or LensOverrides(), **lens)
     view = View(width=shots.WIDTH, height=shots.HEIGHT, solved=solved)
     session = open_session(objects, lens, view, Profiler(), PlatePreview(lambda: ()))
-    return [note for note in session.notes if "has no node for" in note]
+    return [note for note in session.notes if "has no node for" in note or "leaves" in note]
 
 
 @pytest.mark.parametrize(
@@ -63,6 +63,46 @@ def test_a_solved_distortion_that_the_pipeline_does_not_follow_is_noted(cube, ba
     found = notes(cube, bare, solved=solved)
     # The corner lies 275 px from the middle, 0.66 focal lengths: 0.1 * 0.66^2 * 275 px.
     assert len(found) == said and all("k1 -0.100" in one and "12 px" in one for one in found)
+
+
+@pytest.mark.parametrize("effects", ["grain", "none", "auto,-defocus,-motion-blur,-vignetting"])
+def test_options_whose_effect_is_left_out_by_effects_are_noted_one_by_one(cube, effects):
+    optics = LensOverrides(vignetting_stops=1.0)
+    given = {"optics": optics, "shutter_deg": 90.0, "aperture": Aperture(blades=6)}
+    assert notes(cube, "standard", effects=effects, **given) == [
+        f"{option}: --effects {effects} leaves {effect} out; add it there"
+        for option, effect in (
+            ("--vignetting 1", "vignetting"),
+            ("--shutter-angle 90", "motion-blur"),
+            ("--aperture", "defocus"),
+        )
+    ]
+
+
+@pytest.mark.parametrize(
+    ("given", "option", "effect"),
+    [
+        ({"light": LightSettings(shadow_strength=2.0)}, "--shadow-strength 2", "shadow"),
+        ({"real": RealSettings(reflectance=0.1)}, "--ground-reflectance 0.1", "reflection"),
+        ({"real": RealSettings(occlusion="auto")}, "--occlusion auto", "occlusion"),
+        ({"optics": LensOverrides(distortion=(0.1, 0.0))}, "--distortion 0.1,0", "distortion"),
+        ({"aperture": Aperture(cat_eye=0.5)}, "--cat-eye", "defocus"),
+    ],
+)
+def test_an_option_whose_effect_is_not_in_the_list_is_noted(cube, given, option, effect):
+    note = f"{option}: --effects grain leaves {effect} out; add it there"
+    assert notes(cube, "standard", effects="grain", **given) == [note]
+
+
+def test_options_that_ask_for_nothing_are_not_noted_where_their_effect_is_left_out(cube):
+    given = {
+        "light": LightSettings(shadow_strength=0.0),
+        "real": RealSettings(reflectance=0.0),
+        "optics": LensOverrides(vignetting_stops=0.0, distortion=(0.0, 0.0)),
+        "shutter_deg": 0.0,
+        "aperture": ROUND,
+    }
+    assert not notes(cube, "standard", effects="grain", **given)
 
 
 def test_the_preset_draft_has_no_shadow(cube):

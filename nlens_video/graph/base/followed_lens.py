@@ -11,6 +11,7 @@ from nlens_video.effects.measurement import Measurement, overridden, solved_dist
 from nlens_video.effects.planner import EffectRequest
 
 DISTORTION = "distortion"
+_SEEN_PX = 1.0  # distance off at the corners from which on it is said
 
 
 def known_distortion(optics: LensOverrides, solved: SolvedCamera | None) -> Measurement | None:
@@ -51,3 +52,17 @@ def followed_distortion(
     if found is None or not (found.called_for or request.asks_for(DISTORTION)):
         return None
     return found.model if isinstance(found.model, Distortion) else None
+
+
+def note_if_straight(solved: SolvedCamera, pipeline: str) -> tuple[str, ...]:
+    """A note where a pipeline leaves the object where a pinhole sees it, and the lens does not."""
+    camera = solved.at(solved.keys[0].pts_s)
+    corner_px = 0.5 * math.hypot(camera.width, camera.height)
+    off_px = abs(solved.distortion_k1) * (corner_px / camera.fx) ** 2 * corner_px
+    if off_px < _SEEN_PX:
+        return ()
+    return (
+        f"the plate's lens is distorted (k1 {solved.distortion_k1:+.3f}), the pipeline "
+        f"{pipeline!r} has no node for distortion: towards the corners the object is off by up to "
+        f"{off_px:.0f} px; use --preset standard",
+    )
