@@ -202,6 +202,36 @@ def test_holdout_matte_is_read_from_exr(tmp_path, channels):
         matte.read(2)
 
 
+def test_gap_in_an_exr_holdout_is_named(tmp_path):
+    for number in (1, 2, 4, 5):
+        write_layers(tmp_path / f"z_{number:04d}.exr", {"Z": np.ones((48, 64), np.float32)})
+    with pytest.raises(
+        InputError, match=r"z_0003.exr: is missing, the sequence goes on with z_0004"
+    ):
+        open_holdout(str(tmp_path / "z_%04d.exr"), SIZE)
+
+
+def test_matte_of_floats_in_tiff_is_not_called_damaged_alone(tmp_path):
+    floats = png(tmp_path / "m.tif", np.ones((48, 64), np.float32))
+    with pytest.raises(InputError, match="of floating point .write OpenEXR, or 16 bits."):
+        open_holdout(floats, SIZE)
+
+
+@pytest.mark.parametrize("kind", ["png", "exr"])
+@pytest.mark.parametrize(("alphas", "told"), [((1.0, 0.5), 1), ((1.0, 1.0), 0), ((0.5, 1.0), 0)])
+def test_alpha_that_the_first_frame_does_not_show_is_told(tmp_path, kind, alphas, told):
+    for number, alpha in enumerate(alphas):
+        rgba = np.full((48, 64, 4), alpha, np.float32)
+        path = tmp_path / f"m_{number}.{kind}"
+        if kind == "png":
+            png(path, np.round(255 * rgba).astype(np.uint8))
+        else:
+            write_layers(path, {name: rgba[..., at] for at, name in enumerate("RGBA")})
+    holdout = open_holdout(str(tmp_path / f"m_%d.{kind}"), SIZE)
+    holdout.read(1)
+    assert sum("read by its luminance" in note for note in holdout.notes()) == told
+
+
 def test_invalid_holdout_is_refused_in_one_line(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         open_holdout(str(tmp_path / "none.png"), SIZE)

@@ -20,6 +20,10 @@ from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import Samples
 
 _CODE = 1.5 / 255.0  # tolerance of black and white in lossy codecs
+_ALPHA_IGNORED = (
+    "is read by its luminance, as alpha is 1 all over the first frame, but not later; "
+    "where alpha is the matte, write it as grey"
+)
 
 
 def open_holdout(spec: str, size: tuple[int, int], unit_m: float = 1.0) -> HoldoutReader:
@@ -64,8 +68,8 @@ class MatteReader:
         except BaseException:
             self.close()
             raise
-        white = first.coding.peak or 1.0
-        self._by_alpha = first.alpha is not None and bool((first.alpha < white).any())
+        self._by_alpha = _is_see_through(first)
+        self._alpha_ignored = False
         self._read: Matte | None = self._matte(first)
         self._later: SourceFrame | None = None
         self._held: set[int] = set()
@@ -96,7 +100,7 @@ class MatteReader:
 
     def notes(self) -> tuple[str, ...]:
         """Irregularities so far, for the user."""
-        found = list(self._source.warnings())
+        found = [*self._source.warnings(), *([_ALPHA_IGNORED] if self._alpha_ignored else [])]
         if self._held:
             frames = "1 frame" if len(self._held) == 1 else f"{len(self._held)} frames"
             found.append(f"{frames} cannot be decoded: the matte of the frame before is held")
@@ -108,6 +112,7 @@ class MatteReader:
 
     def _matte(self, samples: Samples) -> Matte:
         if not self._by_alpha or samples.alpha is None:
+            self._alpha_ignored = self._alpha_ignored or _is_see_through(samples)
             return _matte(_luminance(samples))
         full = samples.coding.peak or 1.0
         return _matte(samples.alpha.astype(np.float32) / np.float32(full))
@@ -117,7 +122,7 @@ class ExrHoldout:
     """Depth or a matte from OpenEXR: one file for all frames, or a `%04d` sequence.
 
     Args:
-        spec: a file, or a pattern whose smallest number on disk is frame 0.
+        spec: a file, or a pattern whose smallest number on disk is frame 0; none may be missing.
         size: width and height of the plate [px].
         unit_m: as of `open_holdout` [m].
 
@@ -130,13 +135,14 @@ class ExrHoldout:
         self._unit_m = unit_m
         self._spec = spec
         self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
-        self._start = self._files.first() if self._files else 0
+        self._start = self._files.span().start if self._files else 0
         first = self._image(0)
         channels = first.channels
         self.holds_depth = "Z" in channels
         self._by_alpha = "A" in channels and (
             bool((channels["A"] < 1.0).any()) or not {"R", "G", "B"} <= set(channels)
         )
+        self._alpha_ignored = False
         self._cached = (0, self._read(first))
 
     @property
@@ -167,8 +173,8 @@ class ExrHoldout:
         return found
 
     def notes(self) -> tuple[str, ...]:
-        """None: a file that is irregular is refused."""
-        return ()
+        """Irregularities so far, for the user."""
+        return (f"--holdout {self._spec}: {_ALPHA_IGNORED}",) if self._alpha_ignored else ()
 
     def close(self) -> None:
         """Nothing: no file stays open between frames."""
@@ -201,6 +207,8 @@ class ExrHoldout:
             return DepthMap(np.where(there, units, np.float32(np.inf)))
         if self._by_alpha:
             return _matte(image.on_display_window(self._channel(image, "A")))
+        if "A" in image.channels:
+            self._alpha_ignored = self._alpha_ignored or bool((image.channels["A"] < 1.0).any())
         if "Y" in image.channels:
             return _matte(image.on_display_window(image.channels["Y"]))
         light = sum(
@@ -225,6 +233,11 @@ HoldoutReader: TypeAlias = MatteReader | ExrHoldout
 def _samples(frame: SourceFrame) -> Samples:
     assert isinstance(frame.picture, AvPicture)
     return frame.picture.samples()
+
+
+def _is_see_through(samples: Samples) -> bool:
+    """Whether alpha is not 1 somewhere."""
+    return samples.alpha is not None and bool((samples.alpha < (samples.coding.peak or 1.0)).any())
 
 
 def _luminance(samples: Samples) -> Float32:

@@ -259,7 +259,8 @@ def explain_undecodable(
     if width * height > MOST_PIXELS:
         return too_large(spec, width, height)
     subject = "the stream" if kind == "stream" else "the file"
+    floats = ", of floating point (write OpenEXR, or 16 bits)" if codec == "tiff" else ""
     return (
-        f"{spec}: no frame can be decoded ({codec}); {subject} is damaged, not complete "
+        f"{spec}: no frame can be decoded ({codec}); {subject} is damaged, not complete{floats} "
         f"or larger than {MOST_PIXELS // 10**6} megapixels"
     )
