@@ -160,8 +160,7 @@ def ground_seen_at(
     depth = float(camera.ground_seen_at(places, ground_y)[1][0])
     if not depth > 0.0:
         raise SceneError(
-            f"--at {at[0]:g},{at[1]:g} lies above the horizon of the solved camera, where no "
-            "ground is; give a greater Y"
+            f"at {at[0]:g},{at[1]:g} lies above the horizon, where no ground is; give a greater Y"
         )
     return camera.rays(places)[0], depth
 

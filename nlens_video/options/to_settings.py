@@ -145,6 +145,8 @@ def _place_keys(args: argparse.Namespace) -> PlaceKeys:
     if not given:
         if getattr(args, "interpolation", "smooth") != "smooth":
             raise UsageError("--interpolation is that between keys; give --key too")
+        if getattr(args, "at_frame", 0) and args.at is None:
+            raise UsageError("--at-frame is the frame of --at; give --at X,Y too, or leave it out")
         return NO_KEYS
     keys = PlaceKeys(keys=tuple(given), interpolation=args.interpolation)
     keys.check_beside(

@@ -121,6 +121,8 @@ def check_shot(settings: Settings, info: SourceInfo) -> tuple[Scene, tuple[Note,
     if known is not None and _ESTIMATE * first - 2 > known:
         raise UsageError(no_such_frames(settings.source, info))
     objects = settings.scene
+    if known is not None:
+        _check_frames_of_places(objects, known)
     loaded = load_scene(objects)
     view = view_of(settings, info)
     _check_at_frame(objects, view.solved)
@@ -133,6 +135,14 @@ def check_shot(settings: Settings, info: SourceInfo) -> tuple[Scene, tuple[Note,
         return loaded, ()
     _check_in_view(objects, scene, view, info)
     return loaded, notes_on_unseen(scene, view, info)
+
+
+def _check_frames_of_places(objects: ObjectSettings, frames: int) -> None:
+    named = [("--at-frame", objects.at_frame)]
+    named += [(f"{one.glb}: at-frame", one.at_frame) for one in objects.others]
+    for name, frame in named:
+        if _ESTIMATE * frame - 2 > frames:
+            raise UsageError(f"{name} {frame}: the plate has {frames} frames, 0 to {frames - 1}")
 
 
 def _check_at_frame(objects: ObjectSettings, camera: SolvedCamera | None) -> None:

@@ -138,8 +138,9 @@ def test_documented_line_runs_as_written(line, launch, plates):
 @pytest.mark.needs_programs("ffmpeg")
 def test_lens_is_fitted_on_the_stream_where_no_fit_is_given(launch, plates):
     folder = plates("bt709").folder
-    made("-i", folder / "in.mkv", folder / "in.y4m")
-    line = "filesrc location=in.y4m ! y4mdec ! nlens glb=anim.glb preset=draft ! fakesink"
+    raw = ("-c:v", "rawvideo", "-pix_fmt", "yuv420p")
+    made("-i", folder / "in.mkv", *raw, folder / "in.avi")
+    line = "filesrc location=in.avi ! avidemux ! nlens glb=anim.glb preset=draft ! fakesink"
     run = launch(f"gst-launch-1.0 {line}", folder)
     assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
 

@@ -105,3 +105,17 @@ def test_lens_that_is_none_ends_with_one_line(tmp_path, capsys):
     assert fitted(tmp_path, shots.grey(), "--lens", "50mm f2.8")[0] == 2
     (line,) = capsys.readouterr().err.strip().splitlines()[-1:]
     assert "'f2.8' is no part of a lens" in line
+
+
+@pytest.mark.needs_gl
+def test_what_tells_of_the_lens_beside_a_given_fit_is_noted_as_unused(tmp_path, capsys):
+    plate = shots.write_png(tmp_path / "in.png")
+    glb, fit = shots.cube_glb(tmp_path / "cube.glb"), shots.fit_json(tmp_path / "fit.json")
+    words = [str(plate), str(glb), str(tmp_path / "out.png"), "--fit", str(fit), "-y"]
+    assert main([*words, "--effects", "none"]) == 0
+    assert "--fit gives the lens" not in "".join(capsys.readouterr())
+    more = ["--lens", "50mm", "--prefer", "near", "--fit-region", "0,0.5,1,1"]
+    assert main([*words, "--effects", "none", *more]) == 0
+    said = "".join(capsys.readouterr())
+    for option in ("--lens", "--prefer", "--fit-region"):
+        assert f"{option}: --fit gives the lens, so it changes nothing" in said

@@ -265,3 +265,23 @@ def test_object_that_a_turning_camera_shows_later_is_not_refused(folder):
     seen = pictures(folder / "out.mkv")
     assert (seen[0][..., 0] - seen[0][..., 2]).max() < 20.0  # it is not in view yet
     assert stands(seen[12], RED)[0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_frame_of_a_place_behind_the_plates_end_is_refused(folder):
+    words = [
+        folder / "in.mkv",
+        folder / "red.glb",
+        folder / "out.mkv",
+        "--horizon",
+        "0.3",
+        "--size",
+    ]
+    place = [*words, "0.4", "--at", "0.5,0.8"]
+    line = one_line(nlens(*place, "--at-frame", "500"), 2)
+    assert f"--at-frame 500: the plate has {FRAMES} frames, 0 to {FRAMES - 1}" in line
+    file = folder / "blue.glb"
+    blue = f'{{file = "{file}", at = [0.2, 0.8], at-frame = 500, size = 0.2}}'
+    line = one_line(nlens(*place, "--object", blue), 2)
+    assert "blue.glb: at-frame 500: the plate has" in line
+    line = one_line(nlens(*words, "0.4", "--at-frame", "5"), 2)
+    assert "--at-frame is the frame of --at; give --at X,Y too" in line

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nlens_video.core.errors import Note
+from nlens_video.core.known_lens import UNKNOWN_LENS
 from nlens_video.core.settings import Settings
 from nlens_video.graph.executor import Observer
 from nlens_video.graph.session import Session
@@ -17,7 +18,27 @@ from nlens_video.video.info import SourceInfo
 def notes_beforehand(settings: Settings, info: SourceInfo, session: Session) -> tuple[Note, ...]:
     """What is known before the first frame."""
     frames = settings.source.frames
-    return (*notes_on_fields(info), *notes_on_camera_frames(session.view.solved, info, frames))
+    return (
+        *notes_on_fields(info),
+        *notes_on_camera_frames(session.view.solved, info, frames),
+        *_unused_beside_a_fit(settings),
+    )
+
+
+def _unused_beside_a_fit(settings: Settings) -> tuple[Note, ...]:
+    """A note on each option that tells of the lens where `--fit` gives it."""
+    if settings.fit is None:
+        return ()
+    given = {
+        "--lens": settings.lens != UNKNOWN_LENS,
+        "--prefer": settings.prefer is not None,
+        "--fit-region": settings.fit_region is not None,
+    }
+    return tuple(
+        Note(f"{option}: --fit gives the lens, so it changes nothing; leave one of them out")
+        for option, is_given in given.items()
+        if is_given
+    )
 
 
 class PlateChecks:
