@@ -70,9 +70,20 @@ def _exit_code(argv: list[str]) -> int:
     except KeyboardInterrupt as interrupt:
         return _interrupted(interrupt)
     except Exception as error:
+        if isinstance(error, FileNotFoundError) and _current_folder_is_gone():
+            _say("the current folder was deleted; change to one that exists", error)
+            return UsageError.exit_code
         if not signals.requested.is_set():
             raise
         return _interrupted(error)  # a library turned the interrupt into another exception
+
+
+def _current_folder_is_gone() -> bool:
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def _interrupted(error: BaseException) -> int:

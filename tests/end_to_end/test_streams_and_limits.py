@@ -147,6 +147,14 @@ def test_names_that_are_not_valid_text_are_refused_where_a_format_holds_none(fil
     assert not (tmp_path / "s.toml").exists()
 
 
+def test_current_folder_that_was_deleted_is_told_in_one_line(files, tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    run = shell('cd "$1" && rmdir "$1" && shift && "$@"', gone, *quick(files, "plate.png", "o.png"))
+    assert run.returncode == 2
+    assert run.stderr == b"nlens-video: the current folder was deleted; change to one that exists\n"
+
+
 def limited(kind, size):
     return lambda: resource.setrlimit(kind, (size, size))
 
