@@ -60,11 +60,17 @@ def test_blur_keeps_energy():
     """Red, green, blue and alpha of a card sum up to what they were, away from the borders.
 
     Where discs are small `standard` adds views, each antialiased anew: a card of six pixels may
-    differ by a few of a hundred there, a large one hardly.
+    differ by a few of a hundred there, a large one hardly. At the rim a weight below 1e-4 is
+    left out, and the fitted disc has some that are slightly negative: of a single pixel that is up
+    to 4e-4, of these cards 3.5e-5 was the most in 3,678 scenes.
     """
     worst = Worst()
 
     @FEW
+    @example(  # of 1,037 scenes the one that differed most
+        card=Card(depth=2.3391296391778735, at=(-9.0, 3.0), half=(4.0, 4.0), seed=6),
+        focus=4.773280174290502, infinity=6.774858346792852,
+    )  # fmt: skip
     @given(card=CARD, focus=FOCUS, infinity=INFINITY_PX)
     def holds(card, focus, infinity):
         scene = cards(card)
@@ -76,7 +82,7 @@ def test_blur_keeps_energy():
 
     holds()
     return _outcome(
-        worst, "light lost or won, share", {**dict.fromkeys(QUALITIES, 2e-5), "standard": 0.05}
+        worst, "light lost or won, share", {**dict.fromkeys(QUALITIES, 1e-4), "standard": 0.05}
     )
 
 
