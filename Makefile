@@ -5,7 +5,7 @@
 # make adapters  the tests of GStreamer, VapourSynth and Blender, with those programs installed
 # make hosts   install those programs alone
 # make vapoursynth  the tests of VapourSynth alone
-# make check   format check, lint, types and the quick tests, in under two minutes
+# make check   format check, lint, types and the quick tests, in a few minutes
 # make lint    format check, lint, types
 # make fuzz    damaged files of every kind by the hundred thousand, a hundred killed runs: docs/faults.md
 # make gallery  the pictures of docs/gallery
