@@ -108,25 +108,39 @@ def white_parts(holdout, count=8):
     return [int(np.flatnonzero(row)[0]) // 8 for row in rows]
 
 
-@pytest.mark.parametrize("kind", ["png", "mov"])
-def test_damaged_matte_is_held_from_the_frame_before_and_shifts_no_other(tmp_path, kind):
-    spec = write_marked(tmp_path)
+def write_damaged(folder, kind, frame):
+    """The eight marked frames with one that no codec decodes."""
+    spec = write_marked(folder)
     if kind == "png":
-        damage(tmp_path / "m_0004.png", 0)
-    else:
-        movie = write_marked_movie(tmp_path, spec)
-        damage(movie, 3)
-        spec = str(movie)
-    holdout = open_holdout(spec, SIZE)
-    assert white_parts(holdout) == [0, 1, 2, 2, 4, 5, 6, 7]
+        damage(folder / f"m_{frame + 1:04d}.png", 0)
+        return spec
+    movie = write_marked_movie(folder, spec)
+    damage(movie, frame)
+    return str(movie)
+
+
+@pytest.mark.parametrize("frame", [3, 7])
+@pytest.mark.parametrize("kind", ["png", "mov"])
+def test_damaged_matte_is_held_from_the_frame_before_and_shifts_no_other(tmp_path, kind, frame):
+    holdout = open_holdout(write_damaged(tmp_path, kind, frame), SIZE)
+    expected = list(range(8))
+    expected[frame] = frame - 1
+    assert white_parts(holdout) == expected
     (note,) = holdout.notes()
     assert "1 frame cannot be decoded: the matte of the frame before is held" in note
     holdout.close()
 
 
-def test_matte_whose_first_picture_is_damaged_is_refused(tmp_path):
-    spec = write_marked(tmp_path)
-    damage(tmp_path / "m_0001.png", 0)
+def test_matte_ends_where_its_file_does_though_a_frame_of_it_is_damaged(tmp_path):
+    holdout = open_holdout(write_damaged(tmp_path, "mov", 7), SIZE)
+    white_parts(holdout)
+    with pytest.raises(InputError, match="ends before frame 8"):
+        holdout.read(8)
+
+
+@pytest.mark.parametrize("kind", ["png", "mov"])
+def test_matte_whose_first_picture_is_damaged_is_refused(tmp_path, kind):
+    spec = write_damaged(tmp_path, kind, 0)
     with pytest.raises(InputError, match="first picture cannot be decoded; make it again"):
         open_holdout(spec, SIZE)
 

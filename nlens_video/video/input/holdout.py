@@ -61,7 +61,7 @@ class MatteReader:
         self._frames: Iterator[SourceFrame] = iter(self._source)
         try:
             _check_size(spec, (info.width, info.height), size)
-            if info.kind == "sequence" and info.start_s > 0:
+            if self._source.damaged or (info.kind == "sequence" and info.start_s > 0):
                 raise InputError(f"{spec}: the first picture cannot be decoded; make it again")
             self._frame = next(self._frames)
             first = _samples(self._frame)
@@ -87,9 +87,9 @@ class MatteReader:
         """
         while not self._still and self._frame.number < index:
             frame = self._later or next(self._frames, None)
-            if frame is None:
+            if frame is None and not self._is_damaged(index):
                 raise _ended(self._spec, index)
-            if frame.number > index:
+            if frame is None or frame.number > index:
                 self._later = frame
                 self._held.add(index)
                 break
@@ -109,6 +109,10 @@ class MatteReader:
     def close(self) -> None:
         """Close the file."""
         self._source.close()
+
+    def _is_damaged(self, index: int) -> bool:
+        """Whether a frame after the last that was decoded is one of the file's damaged ones."""
+        return self._source.damaged > 0 and index < (self._source.info.frame_count or 0)
 
     def _matte(self, samples: Samples) -> Matte:
         if not self._by_alpha or samples.alpha is None:
