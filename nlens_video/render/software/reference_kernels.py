@@ -1,7 +1,7 @@
 """Definitions of the rasteriser's kernels, one point or sample at a time in float64.
 
 Shading after glTF 2.0, appendix B; visibility by barycentric weights; textures after OpenGL 4,
-section 8.14.
+section 8.14, and anisotropic after McCormack et al., "Feline" (1999).
 """
 
 from __future__ import annotations
@@ -203,6 +203,7 @@ def visible_triangles(
 
 _CLAMP, _MIRROR = 33071, 33648
 _LINEAR = 9729
+_MOST_PROBES, _ROUND = 16, 1.5  # `_ROUND`: square of the ratio of axes that are taken for equal
 # Shrinking: nearest of nearest level, linear of nearest, nearest of two levels, linear of two.
 _FILTERS = {9728: (0, 0), 9729: (1, 0), 9984: (0, 1), 9985: (1, 1), 9986: (0, 2), 9987: (1, 2)}
 
@@ -210,17 +211,37 @@ _FILTERS = {9728: (0, 0), 9729: (1, 0), 9984: (0, 1), 9985: (1, 1), 9986: (0, 2)
 def sample_texture(
     atlas: Atlas, texture: int, at: tuple[float, float], along: tuple[Float64, Float64]
 ) -> Float64:
-    """Linear RGBA (4,) at coordinates that change by `along` (2,) a column and a row."""
+    """Linear RGBA (4,) at coordinates that change by `along` (2,) a column and a row.
+
+    Probes along the longer axis of the footprint read the level of the shorter axis. Their variance
+    is the difference of the variances of two even rows as long as the axes.
+    """
+    size = atlas.levels[atlas.table[texture, 0], 1:].astype(np.float64)
+    axes, lengths, _ = np.linalg.svd(np.stack(along, axis=1) * size[:, None])
+    longer = float(lengths[0])  # [texel]
+    shorter = max(float(lengths[1]), 1.0, longer / _MOST_PROBES)
+    probes, spacing = 1, 0.0
+    if longer**2 > _ROUND * shorter**2:
+        probes = max(2, math.floor(longer / shorter + 0.5))
+        spacing = math.sqrt((longer**2 - shorter**2) / (probes**2 - 1.0))
+    step = axes[:, 0] * spacing / size
+    total = np.zeros(4)
+    for number in range(probes):
+        u, v = at + (number - 0.5 * (probes - 1)) * step
+        total += _probe(atlas, texture, (u, v), shorter)
+    return total / probes
+
+
+def _probe(atlas: Atlas, texture: int, at: tuple[float, float], width: float) -> Float64:
+    """Linear RGBA (4,) within a round place of a width [texel]."""
     first, count, mag, least, *wrap = (int(v) for v in atlas.table[texture])
-    size = atlas.levels[first, 1:].astype(np.float64)
-    squared = max(float(((change * size) ** 2).sum()) for change in along)
     linear, levels = _FILTERS[least]
     edge = 2.0 if mag == _LINEAR and least in (9984, 9986) else 1.0
-    if squared <= edge:
+    if width**2 <= edge:
         return _at(atlas, first, at, wrap, linear=mag == _LINEAR)
     if levels == 0:
         return _at(atlas, first, at, wrap, linear=linear == 1)
-    lod = min(max(0.5 * math.log2(squared), 0.0), count - 1.0)
+    lod = min(max(math.log2(width), 0.0), count - 1.0)
     if levels == 1:
         near = max(math.ceil(lod + 0.5) - 1, 0)
         return _at(atlas, first + near, at, wrap, linear=linear == 1)

@@ -55,6 +55,7 @@ uniform sampler2D limit;  // window depth of each pixel, from which on a surface
 out vec4 radiance;
 
 const float PI = 3.14159265358979;
+const float MOST_PROBES = 16.0;  // of a texture
 
 // Of the dielectric: reflectance at normal incidence and at grazing incidence.
 vec3 f0 = dielectric.rgb;
@@ -68,6 +69,32 @@ vec2 map_uv(int slot)
     vec4 v = uv_rows[2 * slot + 1];
     vec3 at = vec3(u.w < 0.5 ? uv.xy : uv.zw, 1.0);
     return vec2(dot(u.xyz, at), dot(v.xyz, at));
+}
+
+// What a pixel sees of a texture, read as by the software rasteriser's `textures.cpp`: probes along the
+// longer axis of the pixel's footprint, each as wide as the shorter one.
+vec4 filtered(sampler2D map, vec2 at)
+{
+    vec2 size = vec2(textureSize(map, 0));
+    vec2 across = dFdx(at) * size, down = dFdy(at) * size;
+    float of_u = across.x * across.x + down.x * down.x, of_v = across.y * across.y + down.y * down.y;
+    float of_both = across.x * across.y + down.x * down.y;
+    float half_difference = 0.5 * (of_u - of_v), root = length(vec2(half_difference, of_both));
+    float longer = 0.5 * (of_u + of_v) + root;  // squares of the axes [texel^2]
+    float area = across.x * down.y - down.x * across.y;
+    float shorter = max(area * area / max(longer, 1.0), max(longer / (MOST_PROBES * MOST_PROBES), 1.0));
+    float count = 1.0;
+    vec2 apart = vec2(0.0);
+    if (longer > 1.5 * shorter) {
+        count = max(floor(sqrt(longer / shorter) + 0.5), 2.0);
+        vec2 axis = of_u >= of_v ? vec2(half_difference + root, of_both) : vec2(of_both, root - half_difference);
+        apart = axis * sqrt((longer - shorter) / ((count * count - 1.0) * dot(axis, axis))) / size;
+    }
+    vec2 right = vec2(sqrt(shorter) / size.x, 0.0), below = vec2(0.0, sqrt(shorter) / size.y);
+    vec4 sum = vec4(0.0);
+    for (float k = 0.5 - 0.5 * count; k < 0.5 * count; k += 1.0)
+        sum += textureGrad(map, at + k * apart, right, below);
+    return sum / count;
 }
 
 // Tangent and bitangent of texture coordinates on a unit normal, of unit length: MikkTSpace's. False
@@ -96,7 +123,7 @@ vec3 tilted(vec3 n, sampler2D map, int slot)
     vec2 at = map_uv(slot);
     vec3 tangent, bitangent;
     if (!tangents(relative, at, n, tangent, bitangent)) return n;
-    vec3 bump = texture(map, at).xyz * 2.0 - 1.0;
+    vec3 bump = filtered(map, at).xyz * 2.0 - 1.0;
     bump.xy *= uv_rows[2 * slot + 1].w;
     return normalize(tangent * bump.x + bitangent * bump.y + n * bump.z);
 }
@@ -154,7 +181,7 @@ void find_stretch(float roughness, float widening)
     float strength = layers.z;
     vec2 direction = vec2(cos(dielectric.w), sin(dielectric.w));
 #ifdef USE_ANISOTROPY_MAP
-    vec3 sampled = texture(anisotropy_map, map_uv(12)).rgb;
+    vec3 sampled = filtered(anisotropy_map, map_uv(12)).rgb;
     vec2 turned = normalize(sampled.rg * 2.0 - 1.0 + vec2(1e-6, 0.0));
     direction = mat2(direction, -direction.y, direction.x) * turned;
     strength *= sampled.b;
@@ -320,7 +347,7 @@ vec3 passed(vec3 base, float metallic, float nv)
     vec3 fresnel = mix(f0, vec3(f90), pow(1.0 - nv, 5.0));
     vec3 depth = volume.rgb;
 #ifdef USE_THICKNESS_MAP
-    depth *= texture(thickness_map, map_uv(14)).g;
+    depth *= filtered(thickness_map, map_uv(14)).g;
 #endif
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
     return kept * through * (1.0 - metallic) * base * exp(-depth);
@@ -340,10 +367,10 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #ifdef USE_CLEARCOAT
     float coat_share = layers.x, coat_roughness = layers.y;
 #ifdef USE_CLEARCOAT_MAP
-    coat_share *= texture(clearcoat_map, map_uv(7)).r;
+    coat_share *= filtered(clearcoat_map, map_uv(7)).r;
 #endif
 #ifdef USE_CLEARCOAT_ROUGHNESS_MAP
-    coat_roughness *= texture(clearcoat_roughness_map, map_uv(8)).g;
+    coat_roughness *= filtered(clearcoat_roughness_map, map_uv(8)).g;
 #endif
     coat_normal = normalize(surface_normal);
 #ifdef USE_CLEARCOAT_NORMAL_MAP
@@ -358,10 +385,10 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     fuzz_color = sheen.rgb;
     fuzz_roughness = layers.w;
 #ifdef USE_SHEEN_COLOR_MAP
-    fuzz_color *= texture(sheen_color_map, map_uv(10)).rgb;
+    fuzz_color *= filtered(sheen_color_map, map_uv(10)).rgb;
 #endif
 #ifdef USE_SHEEN_ROUGHNESS_MAP
-    fuzz_roughness *= texture(sheen_roughness_map, map_uv(11)).a;
+    fuzz_roughness *= filtered(sheen_roughness_map, map_uv(11)).a;
 #endif
     fuzz_roughness = clamp(fuzz_roughness, 0.07, 1.0);
     float fuzz_share = fibre_share(clamp(abs(dot(n, v)), 0.0, 1.0));
@@ -387,7 +414,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #ifdef USE_AMBIENT
     float occlusion = 1.0;
 #ifdef USE_OCCLUSION_MAP
-    occlusion = 1.0 + uv_rows[7].w * (texture(occlusion_map, map_uv(3)).r - 1.0);
+    occlusion = 1.0 + uv_rows[7].w * (filtered(occlusion_map, map_uv(3)).r - 1.0);
 #endif
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
@@ -445,7 +472,7 @@ void main()
 #endif
     vec4 base = base_color * tint;
 #ifdef USE_BASE_COLOR_MAP
-    base *= texture(base_color_map, map_uv(0));
+    base *= filtered(base_color_map, map_uv(0));
 #endif
     float alpha = 1.0;
 #ifdef USE_ALPHA_MASK
@@ -467,15 +494,15 @@ void main()
     float metallic = factors.x;
     float roughness = factors.y;
 #ifdef USE_METALLIC_ROUGHNESS_MAP
-    vec4 sampled = texture(metallic_roughness_map, map_uv(1));
+    vec4 sampled = filtered(metallic_roughness_map, map_uv(1));
     metallic *= sampled.b;
     roughness *= sampled.g;
 #endif
 #ifdef USE_SPECULAR_MAP
-    f90 *= texture(specular_map, map_uv(5)).a;
+    f90 *= filtered(specular_map, map_uv(5)).a;
 #endif
 #ifdef USE_SPECULAR_COLOR_MAP
-    f0 *= texture(specular_color_map, map_uv(6)).rgb;
+    f0 *= filtered(specular_color_map, map_uv(6)).rgb;
 #endif
 #ifdef USE_TEXTURED_SPECULAR
     f0 = min(f0, vec3(1.0)) * f90;
@@ -483,12 +510,12 @@ void main()
 #ifdef USE_TRANSMISSION
     through = emissive.w;
 #ifdef USE_TRANSMISSION_MAP
-    through *= texture(transmission_map, map_uv(13)).r;
+    through *= filtered(transmission_map, map_uv(13)).r;
 #endif
 #endif
     vec3 glow = emissive.rgb;
 #ifdef USE_EMISSIVE_MAP
-    glow *= texture(emissive_map, map_uv(4)).rgb;
+    glow *= filtered(emissive_map, map_uv(4)).rgb;
 #endif
     vec3 color = lit(base.rgb, clamp(metallic, 0.0, 1.0), clamp(roughness, 0.0, 1.0), glow);
 #endif
