@@ -473,7 +473,7 @@ def lay_out(
 def gather(
     planes: Float32,
     widest: Float32,
-    reach: int,
+    reach: tuple[int, int],
     places: _Int32,
     distances: Float32,
     out: Float32,

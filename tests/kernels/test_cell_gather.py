@@ -61,6 +61,20 @@ def test_gather_kernel_agrees_with_the_reference_on_wide_rows():
     )
 
 
+@pytest.mark.parametrize("pixel_aspect", [0.25, 24 / 11, 80 / 33, 4.0])
+def test_gather_kernel_agrees_with_the_reference_on_pixels_far_from_square(pixel_aspect):
+    rng = np.random.default_rng(2)
+    light = rng.random((9, 40, 4)).astype(np.float32)
+    covered = rng.random((9, 40)) < 0.7
+    coc = rng.uniform(-16.0, 16.0, (9, 40)).astype(np.float32)
+    target = Box(0, 3, 40, 6)
+    np.testing.assert_allclose(
+        gather_subaperture(light, covered, coc, target, pixel_aspect=pixel_aspect),
+        gather_subaperture_ref(light, covered, coc, target, pixel_aspect=pixel_aspect),
+        atol=2e-5,
+    )
+
+
 @pytest.mark.parametrize("coc", [-16.0, -5.0, 1.5, 3.0, 8.0, 16.0])
 def test_gather_of_a_constant_coc_equals_scatter(coc):
     rgba, cocs = card(coc=coc)

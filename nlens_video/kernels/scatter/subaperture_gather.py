@@ -22,7 +22,7 @@ LARGEST_RADIUS_PX = 8.0
 """Largest radius that is gathered; beyond it a scatter costs less [px]."""
 STEPS = 32
 """Entries of a table per pixel of radius."""
-_TILE = kernels.GATHERED_COLUMNS  # that share a bound, more than any disc reaches [px]
+_TILE = kernels.GATHERED_COLUMNS  # that share a bound, more than any disc reaches across [px]
 
 
 def ramp(distance: Float64, radius: float) -> Float64:
@@ -73,9 +73,14 @@ def subaperture_reach(largest_coc_px: float, pixel_aspect: float = 1.0) -> int:
         largest_coc_px: of any covered pixel, at most `2 * LARGEST_RADIUS_PX` [px, columns].
         pixel_aspect: width of a pixel by its height, > 0 [1].
     """
+    return max(_reaches(largest_coc_px, pixel_aspect))
+
+
+def _reaches(largest_coc_px: float, pixel_aspect: float) -> tuple[int, int]:
+    """The same by rows and by columns."""
     entry = math.ceil(0.5 * largest_coc_px * STEPS)
     radius = float(subaperture_table(pixel_aspect)[0, : entry + 1].max())
-    return math.ceil((radius + 0.5) * max(1.0, pixel_aspect)) - 1
+    return math.ceil((radius + 0.5) * pixel_aspect) - 1, math.ceil(radius + 0.5) - 1
 
 
 def gather_subaperture(
@@ -107,18 +112,18 @@ def gather_subaperture(
     largest = float(np.max(np.abs(coc_px), where=covered, initial=0.0))
     if not largest <= 2.0 * LARGEST_RADIUS_PX:
         raise ValueError(f"a CoC of {largest} px; at most {2.0 * LARGEST_RADIUS_PX} is gathered")
-    reach = subaperture_reach(largest, pixel_aspect)
+    reach = down, across = _reaches(largest, pixel_aspect)
     tiles = -(-target.width // _TILE)
     around = Box(
-        target.x0 - reach, target.y0 - reach,
-        target.x0 + tiles * _TILE + reach, target.y1 + reach,
+        target.x0 - across, target.y0 - down,
+        target.x0 + tiles * _TILE + across, target.y1 + down,
     )  # fmt: skip
     planes = scratch("cell", (around.height, kernels.GATHERED_PLANES, around.width))
     widest = scratch("cell widest", (around.height, tiles + 2))
     kernels.lay_out(
         np.ascontiguousarray(light, np.float32), np.ascontiguousarray(covered),
         np.ascontiguousarray(coc_px, np.float32), subaperture_table(pixel_aspect), STEPS,
-        (around.y0, around.x0, reach), planes, widest,
+        (around.y0, around.x0, across), planes, widest,
     )  # fmt: skip
     out = np.empty((target.height, target.width, 4), np.float32)
     kernels.gather(planes, widest, reach, *_neighbours(reach, pixel_aspect), out)
@@ -126,9 +131,10 @@ def gather_subaperture(
 
 
 @lru_cache(maxsize=32)
-def _neighbours(reach: int, pixel_aspect: float) -> tuple[Int32, Float32]:
+def _neighbours(reach: tuple[int, int], pixel_aspect: float) -> tuple[Int32, Float32]:
     """Rows and columns (n, 2) that a neighbour is away by, and how far (n,), the nearest first."""
-    y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1)
+    down, across = reach
+    y, x = np.mgrid[-down : down + 1, -across : across + 1].reshape(2, -1)
     distance = np.hypot(x, y / pixel_aspect)
     order = np.lexsort((x, y, distance))  # the same, however far they reach
     return np.stack([y, x], 1)[order].astype(np.int32), distance[order].astype(np.float32)

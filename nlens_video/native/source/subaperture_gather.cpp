@@ -13,14 +13,20 @@ namespace {
 
 enum PlaneOf { kLight, kRadius = 4, kShare, kCoc, kPlanes };
 
-constexpr int kTile = 16;  // columns that share a bound, more than any disc reaches [px]
+constexpr int kTile = 16;  // columns that share a bound, more than any disc reaches across [px]
 constexpr int kLanes = sizeof(Floats) / sizeof(float);  // columns that are gathered at a time
 constexpr float kNowhere = -1e9f;                       // CoC of what is not there: behind everything
 
-// Where the planes start in the view, and how far discs reach.
+// Where the planes start in the view, and how many columns discs reach.
 struct Start {
-    int row, column, reach;
-    static constexpr auto fields = std::tuple{&Start::row, &Start::column, &Start::reach};
+    int row, column, across;
+    static constexpr auto fields = std::tuple{&Start::row, &Start::column, &Start::across};
+};
+
+// How many rows and columns discs reach.
+struct Reach {
+    int down, across;
+    static constexpr auto fields = std::tuple{&Reach::down, &Reach::across};
 };
 
 float look_up(Array<const float, 2> table, int row, int entry, float part) {
@@ -54,7 +60,7 @@ void lay_out(Array<const float, 3> light, Array<const bool, 2> covered, Array<co
             of_row[kRadius * width + x] = radius;
             of_row[kShare * width + x] = look_up(table, 1, entry, part);
             of_row[kCoc * width + x] = coc;
-            float& most = widest(y, (x - start.reach + kTile) / kTile);
+            float& most = widest(y, (x - start.across + kTile) / kTile);
             most = std::max(most, radius);
         }
     }
@@ -124,16 +130,16 @@ void gather_lanes(const float* here, int stride, const Neighbours& around, float
     store(out + 3 * kTile, scale * before.a + behind * (all.a - before.a));
 }
 
-// Fills in the target (H, W, 4) from planes that are `reach` pixels larger on each side.
-void gather(Array<const float, 3> planes, Array<const float, 2> widest, int reach,
+// Fills in the target (H, W, 4) from planes that are larger by `reach` on each side.
+void gather(Array<const float, 3> planes, Array<const float, 2> widest, const Reach& reach,
             Array<const std::int32_t, 2> places, Array<const float, 1> distances, Array<float, 3> out) {
     const Neighbours around(places, distances, planes.shape[2]);
     const int width = out.shape[1];
     float of_tile[4 * kTile];
     for (int y = 0; y < out.shape[0]; ++y) {
         for (int first = 0; first < width; first += kTile) {
-            const float rim = rim_of(widest, y, 2 * reach + 1, first / kTile);
-            const float* here = planes.at(y + reach, 0, first + reach);
+            const float rim = rim_of(widest, y, 2 * reach.down + 1, first / kTile);
+            const float* here = planes.at(y + reach.down, 0, first + reach.across);
             for (int lane = 0; lane < kTile; lane += kLanes)
                 gather_lanes(here + lane, planes.shape[2], around, rim, of_tile + lane);
             for (int x = 0; x < std::min(kTile, width - first); ++x) {
