@@ -16,7 +16,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import LUMINANCE
+from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp
 
 COLUMNS = 128
 """Of the map, which has half as many rows: 2.8 degrees each."""
@@ -29,11 +29,16 @@ _FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
 _BURNT, _BARELY = 0.0135, 0.01  # share of clipped pixels of average plates, and least one [1]
 _BY_BURNT = 0.45  # of the logarithm of that share, part that is the light's [1]
 _GAPS = 3  # between parts of one sky, as of leaves [px of the reduced plate]
+_AROUND_PART = np.ones(
+    (5, 5), np.uint8
+)  # pixels around a clipped part [pixels of the reduced plate]
+_DARK = 0.1  # light around it, below which it is a lamp [1]
 _MOST_BURNT = 1.5  # what it raises the level by at most [EV]
 _DARKEST = 0.06  # reflectance below which grounds are not taken to be: they lie in less light [1]
 _DIMMED = 0.25  # of the level, what so little light is at least [1]
 _AROUND = 1.5  # light from around by that of the lamps, as is usual [1]
 _USUAL = 0.3  # weight of that ratio, where the level of the plate tells one too [1]
+_COMPLETE = 3  # distant lamps that light an object from all sides [1]
 _MIRRORED = 0.3  # certainty of what is mirrored, where what is seen has 1
 _SPREADS = (2.0, 5.0, 12.0, 30.0)  # of what is known over what is not, finest first [map pixels]
 _CLIPPED = 0.98  # code from which the plate tells no more how bright a source is
@@ -71,7 +76,7 @@ class Seat:
 
 
 def plate_environment(
-    plate: Float32, camera: Camera, seat: Seat, lamps: Float64
+    plate: Float32, camera: Camera, seat: Seat, lamps: Illumination
 ) -> tuple[Float32, Float32]:
     """Radiance around the object, and what smooth surfaces mirror of it.
 
@@ -82,7 +87,7 @@ def plate_environment(
         plate: scene-linear (h, w, 3), of any size.
         camera: of the frame.
         seat: where the object stands.
-        lamps: irradiance that the file's lights give the ground (3,).
+        lamps: the file's lights.
 
     Returns:
         Two maps (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes them.
@@ -92,15 +97,15 @@ def plate_environment(
     light, seen = _projected(plate, camera, seat, directions)
     up = directions[..., 1]
     ground = _ground_radiance(plate, camera, seat)
-    fill, certainty = _extended(light, seen, camera, directions)
+    spread, certainty = _extended(light, seen, camera, directions)
     below = up < 0.0
     light = np.where((below & ~seen)[..., None], ground, light)
-    wanted = _irradiance_of_ground(plate, level_of_ground(plate, camera, seat), lamps)
+    wanted = _irradiance_of_ground(plate, level_of_ground(plate, camera, seat), lamps, seat.foot)
     most = _BY_SOURCES * float(wanted @ LUMINANCE)
     light = np.where(((~below) & seen)[..., None], _unclipped(light, solid, most), light)
     open_ = (~below & ~seen)[..., None]
     share = np.where(open_, certainty[..., None], 1.0)
-    known = np.where(open_, fill, light) * share
+    known = np.where(open_, spread, light) * share
     cosine = (np.maximum(up, 0.0) * solid)[..., None]
     overcast = (1.0 + 2.0 * np.maximum(up, 0.0))[..., None] / 3.0  # the CIE's sky
     rest = (1.0 - share) * overcast * cosine
@@ -109,8 +114,8 @@ def plate_environment(
     radiance = np.asarray(known + (1.0 - share) * overcast * level, dtype=np.float32)
     if not (seen & ~below).any():
         return radiance, radiance
-    between = np.sqrt(np.maximum(fill, 0.0) * radiance)  # neither tells how bright it is there
-    beyond = fill + (1.0 - share) * (between - fill)
+    between = np.sqrt(np.maximum(spread, 0.0) * radiance)  # neither tells how bright it is there
+    beyond = spread + (1.0 - share) * (between - spread)
     return radiance, np.where(open_, beyond, light).astype(np.float32)
 
 
@@ -139,22 +144,30 @@ def _ground_radiance(plate: Float32, camera: Camera, seat: Seat) -> Float64:
     )
 
 
-def _irradiance_of_ground(plate: Float32, level: float, lamps: Float64) -> Float64:
+def _irradiance_of_ground(
+    plate: Float32, level: float, lamps: Illumination, foot: Float64
+) -> Float64:
     """Irradiance (3,) that the ground gets from around, beside the file's lights.
 
     With lamps of the file, what they leave of the level and a usual share of their light are
-    averaged.
+    averaged. There is one sun: a distant lamp beside the strongest stands for light from around,
+    and is a part of it; with several more the file holds nearly all light.
 
     Args:
         plate: scene-linear (h, w, 3).
         level: luminous irradiance by all light [1].
-        lamps: irradiance that the file's lights give the ground (3,).
+        lamps: the file's lights.
+        foot: the point of the ground (3,) [scene unit].
     """
     mean = _mean_light(plate)
-    given = float(lamps @ LUMINANCE)
+    distant = [one for one in lamps.lamps if one.posed.light.kind == "directional"]
+    suns = [float(from_lamp(one, foot) @ LUMINANCE) for one in distant]
+    fill = sum(suns) - max(suns, default=0.0)
+    given = float(lamps.on_plane(foot) @ LUMINANCE) - fill
     if given > 0.0:
         left = max(level - given, _LEAST * level)
-        level = left ** (1.0 - _USUAL) * (_AROUND * given) ** _USUAL
+        around = left ** (1.0 - _USUAL) * (_AROUND * given) ** _USUAL
+        level = max(around - fill if len(suns) < _COMPLETE else 0.0, _LEAST * around)
     hue = np.sqrt(np.maximum(mean, 1e-4))
     return np.asarray(level * hue / (hue @ LUMINANCE))  # half the hue is taken for the surfaces'
 
@@ -192,13 +205,18 @@ def _mean_light(plate: Float32) -> Float64:
 def _burnt_out(plate: Float32, camera: Camera, seat: Seat) -> float:
     """Share of clipped pixels below the horizon, of all where none is below it [1].
 
-    What reaches up to the frame's border is sky, wherever a camera that is guessed has its horizon.
+    What reaches up to the frame's border is sky, wherever a camera that is guessed has its horizon,
+    and what is dark all around is a lamp.
     """
     clipped = (plate.max(axis=2) >= _CLIPPED).astype(np.uint8)
     _, parts = cv2.connectedComponents(cv2.dilate(clipped, np.ones((_GAPS, _GAPS), np.uint8)))
     sky = np.isin(parts, parts[0][parts[0] > 0])
+    grown = cv2.dilate(parts.astype(np.uint16), _AROUND_PART)
+    rings = np.where(parts == 0, grown, 0).ravel()
+    light = np.bincount(rings, plate.max(axis=2).ravel(), parts.max() + 1)
+    lamps = light < _DARK * np.bincount(rings, minlength=parts.max() + 1)
     _, below = _ground_points(camera, (plate.shape[0], plate.shape[1]), seat)
-    burnt = (clipped > 0) & ~sky
+    burnt = (clipped > 0) & ~sky & ~lamps[parts]
     return float((burnt[below] if below.any() else burnt).mean())
 
 

@@ -113,8 +113,7 @@ class SceneLight:
         level, own = level_of_ground(plate, camera, seat), Illumination(self.lamps(lights), None)
         given = max(strongest, self.given(lights, seat))
         exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
-        lamps = own.scaled(exposure).on_plane(seat.foot)
-        radiance, mirrored = plate_environment(plate, camera, seat, lamps)
+        radiance, mirrored = plate_environment(plate, camera, seat, own.scaled(exposure))
         found = reduce_environment(radiance, mirrored=mirrored)
         if self.environment is not None and self.environment.level > 0.0:
             found = self.environment.scaled(found.level / self.environment.level)

@@ -26,7 +26,7 @@ from nlens_video.video.pixels.picture import ArrayPicture
 UP, DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])
 AWAY, BACK = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0])
 SEAT = Seat(middle=np.array([0.0, 0.5, -4.0]), radius=0.5, ground_y=0.0)
-NO_LAMPS = np.zeros(3)
+NO_LAMPS = Illumination((), None)
 SKY, LAWN = (0.3, 0.35, 0.5), (0.06, 0.12, 0.03)
 
 
@@ -106,9 +106,22 @@ def test_the_more_is_burnt_out_below_the_horizon_the_more_light_falls_on_the_gro
     assert 1.3 < levels[2] / levels[0] < 4.0
 
 
+@pytest.mark.parametrize("size", [2, 9])
+def test_lamps_before_a_dark_background_tell_nothing_of_the_level(size):
+    night = plate(above=(0.01, 0.01, 0.01), below=(0.02, 0.02, 0.02))
+    night[80:] = 0.3  # the ground near the camera
+    levels = []
+    for brightness in (0.95, 1.0):
+        picture = night.copy()
+        for column in range(8, 150, 20):
+            picture[60 : 60 + size, column : column + size] = brightness
+        levels.append(level_of_ground(picture, level_camera(), SEAT))
+    assert levels[1] == pytest.approx(levels[0], rel=0.01)
+
+
 def test_a_burnt_out_sky_tells_nothing_of_the_light_on_the_ground():
     one, other = (
-        level_of_ground(plate(above=(sky, sky, sky)), level_camera(), SEAT) for sky in (0.95, 1.0)
+        level_of_ground(plate(above=(sky, sky, sky)), level_camera(), SEAT) for sky in (0.9, 1.0)
     )
     assert other == pytest.approx(one, rel=0.01)
 
@@ -116,7 +129,7 @@ def test_a_burnt_out_sky_tells_nothing_of_the_light_on_the_ground():
 def test_a_burnt_out_sky_below_a_wrong_horizon_tells_nothing_either():
     """The camera is taken to look down, and its horizon to be above the frame."""
     one, other = (
-        level_of_ground(plate(above=(sky, sky, sky)), looking_down(), SEAT) for sky in (0.95, 1.0)
+        level_of_ground(plate(above=(sky, sky, sky)), looking_down(), SEAT) for sky in (0.9, 1.0)
     )
     assert one <= other < 1.1 * one  # as the brighter picture by itself
 
@@ -138,6 +151,25 @@ def test_lights_of_the_file_leave_less_for_the_light_around():
     up, rest = (float(one.irradiance_around(UP) @ LUMINANCE) for one in (alone, beside))
     assert 0.3 * up < rest < up
     assert len(SceneLight(1).on_object((lamp,), beside).lamps) == 1 + len(beside.lamps)
+
+
+def beside(*lamps):
+    """Luminous irradiance of the ground by light from around, beside lamps of the file."""
+    light = SceneLight(len(lamps)).around_without_sun(plate(), level_camera(), SEAT, lamps)
+    return float(light.irradiance_around(UP) @ LUMINANCE)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_a_distant_light_beside_the_strongest_is_part_of_the_light_around(share):
+    key = sun(np.full(3, 2.0), DOWN)
+    fill = sun(np.full(3, 2.0 * share / 0.8), np.array([0.6, -0.8, 0.0]))
+    assert beside(key, fill) + 2.0 * share == pytest.approx(beside(key), rel=0.1)
+
+
+def test_three_distant_lights_are_nearly_all_light():
+    key = sun(np.full(3, 2.0), DOWN)
+    fills = [sun(np.full(3, 0.2), np.array([x, -0.8, 0.0])) for x in (0.6, -0.6)]
+    assert 0.0 < beside(key, *fills) < 0.3 * beside(key)
 
 
 def test_map_is_brought_to_the_level_of_the_plate_unless_its_exposure_is_given():
