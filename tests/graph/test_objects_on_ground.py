@@ -31,8 +31,8 @@ def pose_key(index, pitch=-18.0, yaw=0.0, roll=0.0, eye=(0.0, 1.6, 0.0)):
     )
 
 
-def still(**named):
-    return SolvedCamera(width=WIDTH, height=HEIGHT, keys=(pose_key(0),), **named)
+def still(index=0, **named):
+    return SolvedCamera(width=WIDTH, height=HEIGHT, keys=(pose_key(index),), **named)
 
 
 def moving():
@@ -158,11 +158,14 @@ def test_object_turns_as_often_as_its_keys_say(files):
     assert motion.turn.at(1.0)[0] - motion.turn.at(0.0)[0] == pytest.approx(2.0 * np.pi)
 
 
-def test_frames_and_seconds_name_the_same_moment(files):
+@pytest.mark.parametrize("camera", [moving(), still(), still(index=25), still(index=30)])
+def test_frames_and_seconds_name_the_same_moment(files, camera):
+    """A still camera's one key is that of the first frame that is rendered."""
+
     def at(**when):
         keys = (PlaceKey(**{name: 0 for name in when}, at=(0.2, 0.7)),
                 PlaceKey(**when, at=(0.7, 0.8)))  # fmt: skip
-        return staged(objects_of(files, keys=keys), moving()).scene.parts[0].motion
+        return staged(objects_of(files, keys=keys), camera).scene.parts[0].motion
 
     by_time, by_frame = at(time_s=30 / FPS), at(frame=30)
     np.testing.assert_array_equal(by_time.at(0.71), by_frame.at(0.71))
@@ -243,7 +246,7 @@ BESIDE = GroundPlacing(at=(0.7, 0.8), size=0.2)
     ("change", "raised", "words"),
     [
         ({"keys": KEY_ABOVE}, SceneError, r"a\.glb, at 1\.5 s: .*above the horizon"),
-        ({"keys": (PlaceKey(frame=99, at=(0.5, 0.8)),)}, UsageError, "no such frame"),
+        ({"keys": (PlaceKey(frame=99, at=(0.5, 0.8)),)}, UsageError, "no such frame, only 0 to 50"),
         ({"keys": (PlaceKey(time_s=0.0, height_m=1.0),)}, UsageError, "scale is not known"),
         ({"layers": "layers.exr", "keys": KEY_ABOVE}, UsageError, "--layers hold one object"),
         ({"others": ("b.glb", None)}, UsageError, r"b\.glb: give at and size too"),

@@ -109,13 +109,20 @@ def _motion_of(other: FurtherObject, standing: _Standing) -> ObjectMotion | None
     if other.placing is None:
         return None
     with _named(other.glb):
-        time_s = _time_of_frame(other.at_frame, standing.ground.view)
+        time_s = _time_of_place(other.at_frame, standing.ground.view)
     return standing.motion(other.placing, time_s, other.keys)
 
 
 def _time_of_key(key: PlaceKey, view: View) -> float:
     """Its moment [s]."""
     return key.time_s if key.time_s is not None else _time_of_frame(key.frame or 0, view)
+
+
+def _time_of_place(frame: int, view: View) -> float:
+    """Time of the frame that a place is of, 0 for the first one whose camera is known [s]."""
+    if not frame and view.solved is not None and view.solved.keys:
+        return view.solved.keys[0].pts_s
+    return _time_of_frame(frame, view)
 
 
 def _time_of_frame(frame: int, view: View) -> float:
@@ -126,13 +133,17 @@ def _time_of_frame(frame: int, view: View) -> float:
     """
     keys = () if view.solved is None else view.solved.keys
     known = [key.pts_s for key in keys if key.index == frame]
-    if known or (keys and not frame):
-        return known[0] if known else keys[0].pts_s
+    if known:
+        return known[0]
     if len(keys) > 1:
-        raise UsageError(f"frame {frame}: the plate's camera has no such frame")
-    if frame and not view.frame_s:
+        raise UsageError(
+            f"frame {frame}: the plate's camera has no such frame, only {keys[0].index} to "
+            f"{keys[-1].index}; give keys among them, or --camera-from of the whole plate"
+        )
+    first, start_s = (keys[0].index, keys[0].pts_s) if keys else (0, 0.0)
+    if frame != first and not view.frame_s:
         raise UsageError(f"frame {frame}: the plate has no frame rate; give the time in seconds")
-    return frame * view.frame_s
+    return start_s + (frame - first) * view.frame_s
 
 
 @dataclass(frozen=True, slots=True)
