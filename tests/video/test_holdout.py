@@ -131,6 +131,17 @@ def test_damaged_matte_is_held_from_the_frame_before_and_shifts_no_other(tmp_pat
     holdout.close()
 
 
+@pytest.mark.parametrize("kind", ["png", "mov"])
+def test_mattes_may_be_asked_for_in_any_order(tmp_path, kind):
+    spec = write_marked(tmp_path)
+    spec = str(write_marked_movie(tmp_path, spec)) if kind == "mov" else spec
+    holdout = open_holdout(spec, SIZE)
+    order = [5, 2, 3, 0, 7, 7, 1]
+    rows = [holdout.read(index).coverage[0] for index in order]
+    assert [int(np.flatnonzero(row)[0]) // 8 for row in rows] == order
+    holdout.close()
+
+
 def test_matte_ends_where_its_file_does_though_a_frame_of_it_is_damaged(tmp_path):
     holdout = open_holdout(write_damaged(tmp_path, "mov", 7), SIZE)
     white_parts(holdout)

@@ -55,24 +55,30 @@ class MatteReader:
 
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
         self._spec = spec
-        self._source = AvSource(spec, InputHints())
+        self._held: set[int] = set()
+        self._later: SourceFrame | None = None
+        self._read: Matte | None = None
+        self._begin()
         info = self._source.info
         self._still = info.kind == "still"
-        self._frames: Iterator[SourceFrame] = iter(self._source)
         try:
             _check_size(spec, (info.width, info.height), size)
             if self._source.damaged or (info.kind == "sequence" and info.start_s > 0):
                 raise InputError(f"{spec}: the first picture cannot be decoded; make it again")
-            self._frame = next(self._frames)
             first = _samples(self._frame)
         except BaseException:
             self.close()
             raise
         self._by_alpha = _is_see_through(first)
         self._alpha_ignored = False
-        self._read: Matte | None = self._matte(first)
-        self._later: SourceFrame | None = None
-        self._held: set[int] = set()
+        self._read = self._matte(first)
+
+    def _begin(self) -> None:
+        """Open the file and read its first frame."""
+        self._source = AvSource(self._spec, InputHints())
+        self._frames: Iterator[SourceFrame] = iter(self._source)
+        self._frame = next(self._frames)
+        self._later = self._read = None
 
     @property
     def description(self) -> str:
@@ -80,11 +86,16 @@ class MatteReader:
         return f"{self._spec}, by its {'alpha' if self._by_alpha else 'luminance'}"
 
     def read(self, index: int) -> Matte:
-        """The matte of a frame; indices ascend.
+        """The matte of a frame.
+
+        The file is read from its beginning again for a frame before the last one.
 
         Raises:
             InputError: it has no such frame.
         """
+        if not self._still and index < self._frame.number:
+            self.close()
+            self._begin()
         while not self._still and self._frame.number < index:
             frame = self._later or next(self._frames, None)
             if frame is None and not self._is_damaged(index):
