@@ -167,31 +167,32 @@ class Compositor:
         self._thread = OwnThread(self._loop.close)
 
     def process(
-        self, frame: Frames, time: float | None = None, out: npt.NDArray[Any] | None = None
-    ) -> Frames:
+        self, frame: Frames, time: float | None = None, out: npt.NDArray[Any] | None = None,
+        number: int | None = None,
+    ) -> Frames:  # fmt: skip
         """Composite one frame.
 
         Args:
             frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
-                uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
-                of bfloat16; left as it is.
-            time: of the frame in the animation [s]; default: frames so far / fps.
+                uint16, float32 or float16 in [0, 1]; or such a torch tensor, or of bfloat16; kept.
+            time: of the frame in the animation [s]; default: its number / fps.
             out: array that takes the result, of the shape and type of `frame`, uint8, uint16 or
                 float32; may be `frame` itself, which is changed then. Saves an allocation.
+            number: position in the plate, as of `composite` [1].
 
         Returns:
-            `out`, or a new array (or tensor on the same device) of the frame's shape and type.
+            `out`, or a new array (or tensor on the same device) like the frame.
 
         Raises:
             InputError: a shape or type that no picture has, or floats of another range.
-            UsageError: no array or tensor, another size than before, no time, or an unfit `out`.
+            UsageError: no array or tensor, another size than before, no time, an unfit `out`.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.pixels.picture import ArrayPicture
 
-        result, time_s = to_samples(frame, out), as_time(time)
-        self._call(lambda: self._loop.composite(ArrayPicture(result), time_s))
+        result = to_samples(frame, out)
+        self.composite(ArrayPicture(result), time, number)
         return from_samples(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
@@ -222,12 +223,12 @@ class Compositor:
         self, picture: Picture, time: float | None = None, number: int | None = None,
         pixel_aspect: float | None = None,
     ) -> None:  # fmt: skip
-        """Composite a picture in place, whatever memory it lies in; adapters call it.
+        """Composite a picture (its samples change), whatever memory it lies in; adapters call it.
 
         Args:
-            picture: its samples are changed.
+            picture: the frame.
             time: of the frame in the animation [s]; default: its number / fps.
-            number: position in its stream, by which grain differs [1]; default: frames so far.
+            number: position in its stream, for grain and mattes [1]; default: frames so far.
             pixel_aspect: width of a pixel by its height [1]; default: the compositor's.
 
         Raises:
@@ -237,7 +238,7 @@ class Compositor:
         self._call(lambda: self._loop.composite(picture, time_s, number, pixel_aspect))
 
     def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
-        """Composite frames as they come, PyAV's too; a generator that holds one at a time."""
+        """Composite frames as they come, PyAV's too, one at a time."""
         for frame in frames:
             made: Any = self.process_av if type(frame).__name__ == "VideoFrame" else self.process
             yield made(frame)

@@ -41,6 +41,7 @@ class FrameQueue:
         self._changed = threading.Condition()
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="nlens-queue")
         self._closed = False
+        self._submitted = 0
         self.dropped = 0
         """Frames that were left out so far [1]."""
 
@@ -52,7 +53,7 @@ class FrameQueue:
 
         Args:
             frame: as `Compositor.process` takes it; not to be changed until its result is taken.
-            time: of the frame in the animation [s].
+            time: of the frame in the animation [s]; default: frames submitted so far / fps.
             out: array that takes the result, perhaps the frame itself.
 
         Raises:
@@ -64,7 +65,9 @@ class FrameQueue:
             self._changed.wait_for(lambda: self._closed or len(self._pending) < self._size)
             if self._closed:
                 raise UsageError("the queue is closed; make a new one")
-            self._pending.append(self._worker.submit(self._lens.process, frame, time, out))
+            composite, number = self._lens.process, self._submitted
+            self._pending.append(self._worker.submit(composite, frame, time, out, number))
+            self._submitted += 1
             self._changed.notify_all()
 
     def _drop_oldest(self) -> None:

@@ -108,7 +108,8 @@ class VideoCapture:
         if not found:
             return False, None
         takes = image is not None and (image.shape, image.dtype) == (frame.shape, frame.dtype)
-        return True, self._compositor.process(frame, self._time_s(), image if takes else frame)
+        out = image if takes else frame
+        return True, self._compositor.process(frame, self._time_s(), out, self._number())
 
     def read(self, image: Image | None = None) -> tuple[bool, Image | None]:
         """Grab and retrieve the next frame; `(False, None)` after the last one."""
@@ -122,6 +123,12 @@ class VideoCapture:
         if self._start_s is None:
             self._start_s = now
         return now - self._start_s
+
+    def _number(self) -> int | None:
+        """Position of the grabbed frame in a file, None for a camera [1]."""
+        if self._capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0:
+            return max(round(self._capture.get(cv2.CAP_PROP_POS_FRAMES)) - 1, 0)
+        return None
 
     def get(self, prop: int) -> float:
         """A property `cv2.CAP_PROP_…`; 0 where the backend has none."""

@@ -73,6 +73,20 @@ def test_camera_drops_the_oldest_waiting_frame(lens):
     np.testing.assert_array_equal(last, lens.process(bgr(), 5 / 25))
 
 
+def test_frames_that_a_camera_drops_take_their_time_with_them(lens):
+    expected = lens.process(bgr(), 5 / 25)
+    busy = threading.Event()
+    blocked = threading.Thread(target=lambda: lens._thread.call(lambda: busy.wait(5)))
+    blocked.start()
+    with FrameQueue(lens, 2, on_full="drop") as queue:
+        for _ in range(6):
+            queue.submit(bgr())
+        busy.set()
+        queue.result()
+        np.testing.assert_array_equal(queue.result(), expected)
+    blocked.join()
+
+
 def test_consumer_of_a_frame_that_is_left_out_gets_the_next(lens):
     with FrameQueue(lens, 1, on_full="drop") as queue, ThreadPoolExecutor(1) as other:
         busy = threading.Event()

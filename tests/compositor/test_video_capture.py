@@ -161,6 +161,20 @@ def test_animation_follows_a_new_position(capture, files):
     assert np.abs(expected[7].astype(int) - expected[2]).max() > 30
 
 
+def test_mattes_follow_a_new_position_and_frames_that_are_only_grabbed(files, tmp_path):
+    for number in range(12):
+        matte = np.zeros((shots.HEIGHT, shots.WIDTH), np.uint8)
+        matte[:, : 8 * number] = 255
+        assert cv2.imwrite(str(tmp_path / f"m_{number:02d}.png"), matte)
+    with VideoCapture(*files, **OPTIONS, holdout=tmp_path / "m_%02d.png") as capture:
+        expected = [capture.read()[1] for _ in range(12)]
+        for number in (7, 2):
+            assert capture.set(cv2.CAP_PROP_POS_FRAMES, number)
+            assert_alike(capture.read()[1], expected[number])
+        assert capture.grab() and capture.grab()
+        assert_alike(capture.read()[1], expected[5])
+
+
 def test_result_is_written_into_a_fitting_array_only(capture):
     image = np.zeros((shots.HEIGHT, shots.WIDTH, 3), np.uint8)
     assert capture.read(image)[1] is image and image.any()
