@@ -92,7 +92,7 @@ def process(lens: Compositor, frame: Frame) -> None:
         frame: its planes are changed; after an error they are as they were.
 
     Raises:
-        InputError: a format that cannot be composited in.
+        InputError: a format or colour tags that cannot be composited in.
         UsageError: another size than before; close, and open again.
         SceneError: the GLB cannot be used.
         LensFitError: no usable lens fit.

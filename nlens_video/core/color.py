@@ -13,21 +13,33 @@ from typing import Literal
 
 import numpy as np
 
+from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64
 
 Family = Literal["yuv", "rgb", "gray", "float"]
 
-# FFmpeg's numbers (libavutil/pixfmt.h), which are those of ITU-T H.273.
+# FFmpeg's numbers (libavutil/pixfmt.h) and names, which are those of ITU-T H.273.
 MATRICES = {
     0: "gbr", 1: "bt709", 4: "fcc", 5: "bt470bg", 6: "smpte170m", 7: "smpte240m", 9: "bt2020nc",
 }  # fmt: skip
 TRANSFERS = {
     1: "bt709", 4: "gamma22", 5: "gamma28", 6: "smpte170m", 7: "smpte240m", 8: "linear",
+    11: "bt709", 12: "bt709",  # xvYCC and BT.1361, which differ from it outside [0, 1] only
     13: "iec61966-2-1", 14: "bt2020-10", 15: "bt2020-12", 16: "smpte2084", 18: "arib-std-b67",
 }  # fmt: skip
 PRIMARIES = {
-    1: "bt709", 4: "bt470m", 5: "bt470bg", 6: "smpte170m", 7: "smpte240m", 9: "bt2020",
-    11: "smpte431", 12: "smpte432",
+    1: "bt709", 4: "bt470m", 5: "bt470bg", 6: "smpte170m", 7: "smpte240m", 8: "film", 9: "bt2020",
+    11: "smpte431", 12: "smpte432", 22: "ebu3213",
+}  # fmt: skip
+_UNSPECIFIED = (0, 2, 3)
+"""Numbers that say nothing: reserved ones and unspecified; 0 is a matrix of RGB too."""
+_NOT_SUPPORTED = {
+    "matrix": {
+        8: "ycgco", 10: "bt2020c", 11: "smpte2085", 12: "chroma-derived-nc",
+        13: "chroma-derived-c", 14: "ictcp", 15: "ipt-c2", 16: "ycgco-re", 17: "ycgco-ro",
+    },
+    "transfer": {9: "log100", 10: "log316", 17: "smpte428"},
+    "primaries": {10: "smpte428"},
 }  # fmt: skip
 FULL_RANGE = 2
 """FFmpeg's `AVCOL_RANGE_JPEG`; 1 is limited, 0 unspecified."""
@@ -48,9 +60,11 @@ _CHROMATICITY = {
     "bt470bg": ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06), _D65),
     "smpte170m": ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070), _D65),
     "smpte240m": ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070), _D65),
+    "film": ((0.681, 0.319), (0.243, 0.692), (0.145, 0.049), (0.310, 0.316)),
     "bt2020": ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), _D65),
     "smpte431": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), (0.314, 0.351)),
     "smpte432": ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060), _D65),
+    "ebu3213": ((0.630, 0.340), (0.295, 0.605), (0.155, 0.077), _D65),
     # ACES (SMPTE ST 2065-1, and S-2014-004 for ACEScg), of which no stream's tag tells
     "ap0": ((0.7347, 0.2653), (0.0, 1.0), (0.0001, -0.0770), (0.32168, 0.33767)),
     "ap1": ((0.713, 0.293), (0.165, 0.830), (0.128, 0.044), (0.32168, 0.33767)),
@@ -241,18 +255,23 @@ class ColorTags:
             transfer: `AVColorTransferCharacteristic`.
             primaries: `AVColorPrimaries`.
             range_: `AVColorRange`.
+
+        Raises:
+            InputError: the stream says something that is not supported.
         """
         assumed: list[str] = []
 
         def pick(field: str, table: dict[int, str], tag: int, default: str) -> str:
             if tag in table:
                 return table[tag]
+            if tag not in _UNSPECIFIED:
+                raise InputError(_refusal(field, tag, default))
             assumed.append(f"{field}={default}")
             return default
 
         if family == "yuv":
             large = size[0] >= 1280 or size[1] >= 720
-            tag = matrix if matrix else -1  # samples that are YUV cannot be GBR
+            tag = matrix or 2  # samples that are YUV cannot be GBR
             chosen = pick("matrix", MATRICES, tag, "bt709" if large else "smpte170m")
             curve = "bt2020-10" if chosen == "bt2020nc" else "bt709"
             if not range_:
@@ -267,3 +286,13 @@ class ColorTags:
             matrix=chosen, transfer=curve, primaries=gamut,
             full_range=family != "yuv" or range_ == FULL_RANGE, assumed=tuple(assumed),
         )  # fmt: skip
+
+
+def _refusal(field: str, tag: int, instead: str) -> str:
+    """Error message for a colour tag that is not supported."""
+    name = _NOT_SUPPORTED[field].get(tag, str(tag))
+    or_override = ", or give --input-transfer if the tag is wrong" if field == "transfer" else ""
+    return (
+        f"the plate's colour has {field} {name}, which is not supported; convert it first, for "
+        f"example with ffmpeg -i IN -vf zscale={field}={instead} OUT.mkv{or_override}"
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import av
 from av.video.codeccontext import VideoCodecContext
 
-from nlens_video.core.color import FULL_RANGE, ColorTags, luma
+from nlens_video.core.color import FULL_RANGE, TRANSFERS, ColorTags, luma
 from nlens_video.core.errors import InputError
 from nlens_video.video.info import FrameTags, SourceInfo
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
@@ -118,8 +118,10 @@ def _layout(pixel_format: str) -> PixelLayout | None:
 
 
 def _resolved(kind: PixelLayout, info: SourceInfo, tags: FrameTags, span: int) -> ColorTags:
+    # a transfer function that --input-transfer replaces may be one that is not supported
+    curve = tags.color_trc if tags.color_trc in TRANSFERS else 0
     return ColorTags.resolve(
-        kind.family, info.stored_size, matrix=tags.colorspace, transfer=tags.color_trc,
+        kind.family, info.stored_size, matrix=tags.colorspace, transfer=curve,
         primaries=tags.color_primaries, range_=span,
     )  # fmt: skip
 

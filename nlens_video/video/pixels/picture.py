@@ -98,7 +98,7 @@ class AvPicture(SamplesPicture):
             empty for `left`, as in nearly all other video of either range.
 
     Raises:
-        InputError: the pixel format is not supported.
+        InputError: the pixel format is not supported; a colour tag, once `tags` are asked for.
     """
 
     def __init__(
@@ -106,9 +106,14 @@ class AvPicture(SamplesPicture):
         chroma_siting: str = "",
     ) -> None:  # fmt: skip
         self.frame = unpacked(frame)
-        self.tags = frame_tags(self.frame) if tags is None else tags
+        self._tags = tags
         self.rotation = frame.rotation if rotation is None else rotation
         self.chroma_siting = chroma_siting
+
+    @property
+    def tags(self) -> ColorTags:
+        """Colour tags of the samples."""
+        return frame_tags(self.frame) if self._tags is None else self._tags
 
     @property
     def width(self) -> int:
@@ -126,9 +131,7 @@ class AvPicture(SamplesPicture):
 
     def samples(self) -> Samples:
         """Upright views of the frame's samples."""
-        return frame_samples(
-            self.frame, self.tags, self._turns, chroma_siting=self.chroma_siting
-        )  # fmt: skip
+        return frame_samples(self.frame, self.tags, self._turns, chroma_siting=self.chroma_siting)
 
     def _make_writable(self) -> None:
         # the decoder predicts later frames from this buffer: writing to it would damage them
@@ -137,9 +140,8 @@ class AvPicture(SamplesPicture):
     def copy(self) -> AvPicture:
         """The same picture with samples of its own."""
         return AvPicture(
-            copied(self.frame), self.tags, rotation=self.rotation,
-            chroma_siting=self.chroma_siting,
-        )  # fmt: skip
+            copied(self.frame), self._tags, rotation=self.rotation, chroma_siting=self.chroma_siting
+        )
 
 
 class ArrayPicture(SamplesPicture):
@@ -217,9 +219,8 @@ def copied(frame: av.VideoFrame) -> av.VideoFrame:
 
 def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
     """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
-    return np.frombuffer(memoryview(plane), np.uint8).reshape(
-        -1, plane.line_size or plane.buffer_size
-    )
+    flat = np.frombuffer(memoryview(plane), np.uint8)
+    return flat.reshape(-1, plane.line_size or plane.buffer_size)
 
 
 def picture_frame(picture: Picture, pixel_format: str, *, limited: bool = False) -> av.VideoFrame:

@@ -178,11 +178,14 @@ def frame_tags(frame: av.VideoFrame, *, assumed: int = 0, given: str | None = No
         frame: in a working format.
         assumed: FFmpeg's number of the transfer function for a frame without that tag.
         given: name of a transfer function that overrides the tag.
+
+    Raises:
+        InputError: a tag is not supported.
     """
     kind = _layout(frame)
     curve = frame.color_trc if frame.color_trc not in (0, 2) else assumed
     if given is not None:
-        (curve,) = (number for number, name in TRANSFERS.items() if name == given)
+        curve = next(number for number, name in TRANSFERS.items() if name == given)
     return ColorTags.resolve(
         kind.family, (frame.width, frame.height), matrix=frame.colorspace,
         transfer=curve, primaries=frame.color_primaries,
