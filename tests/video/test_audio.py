@@ -8,6 +8,8 @@ import pytest
 from support.clips import copy, noise_frame, read_packets, write_clip
 
 RATE = 48000
+FLAC_SAMPLES = 4608
+"""Of a packet by FFmpeg's encoder."""
 
 
 def write_sound(path, blocks, *, codec="pcm_s16le"):
@@ -71,6 +73,66 @@ def test_overlapping_audio_packets_do_not_delay_the_rest(tmp_path):
     clip = write_sound(tmp_path / "in.mkv", twice)
     copy(clip, tmp_path / "out.webm", codec="libvpx-vp9")
     assert len(loudness(tmp_path / "out.webm")[1]) == pytest.approx(50, abs=2)
+
+
+def write_flac(path, *, overlap=0, damaged=()):
+    """A clip whose sound counts its samples, modulo 30000, in twenty FLAC packets of 96 ms.
+
+    From the middle on it comes `overlap` samples too early and repeats as many, as where two
+    recordings of the same sound are joined. Packets of the given numbers hold zeros only.
+    """
+    with av.open(str(path), "w") as out:
+        video = out.add_stream("ffv1", 25)
+        video.width, video.height, video.pix_fmt = 32, 24, "yuv420p"
+        sound = out.add_stream("flac", RATE, layout="mono")
+        sound.codec_context.format = "s16"
+        early = np.where(np.arange(20) < 10, 0, overlap)
+        packets = []
+        for number in range(20):
+            first = number * FLAC_SAMPLES - early[number]
+            count = np.arange(first, first + FLAC_SAMPLES) % 30000
+            block = av.AudioFrame.from_ndarray(count.astype(np.int16)[None], "s16", "mono")
+            block.sample_rate, block.pts = RATE, number * FLAC_SAMPLES
+            packets += sound.encode(block)
+        packets += sound.encode(None)
+        for number, packet in enumerate(packets[:20]):
+            made = av.Packet(bytes(packet.size) if number in damaged else bytes(packet))
+            made.pts = made.dts = int(number * FLAC_SAMPLES - early[number])
+            made.time_base, made.stream = Fraction(1, RATE), sound
+            out.mux(made)
+        for index in range(50):
+            frame = noise_frame(32, 24, "yuv420p", index)
+            frame.pts, frame.time_base = index, Fraction(1, 25)
+            out.mux(video.encode(frame))
+        out.mux(video.encode(None))
+    return path
+
+
+def heard(path):
+    """All samples of a file's sound, one channel."""
+    with av.open(str(path)) as source:
+        return np.concatenate([frame.to_ndarray()[0] for frame in source.decode(audio=0)])
+
+
+@pytest.mark.parametrize("overlap_ms", [50, 90])
+def test_samples_of_a_block_that_overlap_earlier_ones_are_dropped(tmp_path, overlap_ms):
+    overlap = overlap_ms * RATE // 1000
+    copy(write_flac(tmp_path / "in.mkv", overlap=overlap), tmp_path / "out.avi")
+    expected = np.arange(20 * FLAC_SAMPLES - overlap) % 30000
+    np.testing.assert_array_equal(heard(tmp_path / "out.avi"), expected)
+
+
+def test_damaged_sound_that_is_reencoded_is_counted_and_silent(tmp_path):
+    notes = copy(write_flac(tmp_path / "in.mkv", damaged=(8, 9)), tmp_path / "out.avi")
+    assert "2 damaged packets of sound or other streams were left out" in notes
+    expected = np.arange(20 * FLAC_SAMPLES) % 30000
+    expected[8 * FLAC_SAMPLES : 10 * FLAC_SAMPLES] = 0
+    np.testing.assert_array_equal(heard(tmp_path / "out.avi"), expected)
+
+
+def test_whole_sound_that_is_reencoded_is_not_called_damaged(tmp_path):
+    notes = copy(write_flac(tmp_path / "in.mkv"), tmp_path / "out.avi")
+    assert not any("damaged" in note for note in notes)
 
 
 def test_audio_without_a_channel_layout_is_reencoded_for_mp4(tmp_path):

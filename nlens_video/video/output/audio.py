@@ -40,8 +40,9 @@ _TEXT_CODECS = {"matroska": "subrip", "webm": "webvtt", **dict.fromkeys(MP4_FAMI
 class AudioEncoder:
     """Transcoder of one audio stream.
 
-    Samples are counted from the first time stamp on. Gaps in the source's times are filled with
-    silence, and overlapping samples are dropped, so that sound and pictures stay in sync.
+    Samples are counted from the first time stamp on. Gaps in the source's times, those of damaged
+    packets too, are filled with silence, and samples that overlap earlier ones are dropped, so
+    that sound and pictures stay in sync.
 
     Args:
         container: the result.
@@ -51,6 +52,7 @@ class AudioEncoder:
     Attributes:
         codec: FFmpeg's name of the encoder.
         fewer: what is said where channels are mixed into fewer ones, else empty.
+        damaged: packets so far that could not be decoded [1].
 
     Raises:
         ValueError: there is no decoder for it, or no encoder that accepts its format.
@@ -59,6 +61,7 @@ class AudioEncoder:
     def __init__(
         self, container: av.container.OutputContainer, source: Stream, *, from_zero: bool = False
     ) -> None:
+        self.damaged = 0
         context = source.codec_context
         if not isinstance(context, AudioCodecContext):
             raise ValueError("nothing decodes it")
@@ -91,6 +94,7 @@ class AudioEncoder:
             try:
                 frames = self._decoder.decode(packet)
             except av.FFmpegError:
+                self.damaged += 1
                 return []
         packets: list[av.Packet[AudioStream]] = []
         for frame in (*frames, *((None,) if packet is None else ())):
@@ -99,7 +103,7 @@ class AudioEncoder:
         return packets + self._drain(last=packet is None)
 
     def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
-        """Append samples at their time stamp, after silence if needed."""
+        """Append samples at their time stamp, after silence or without what overlaps if needed."""
         pts: int | None = None
         if part.pts is not None and part.time_base is not None:
             pts = round(part.pts * part.time_base * self._rate)
@@ -111,8 +115,11 @@ class AudioEncoder:
         packets: list[av.Packet[AudioStream]] = []
         if gap > _TOLERANCE_S * self._rate:
             packets = self._silence(part, gap)
-        elif -gap > max(_TOLERANCE_S * self._rate, part.samples - 1):
-            return packets
+        if -gap > _TOLERANCE_S * self._rate:
+            rest = _without(part, -gap)
+            if rest is None:
+                return packets
+            part = rest
         self._write(part)
         return packets
 
@@ -151,6 +158,15 @@ class AudioEncoder:
                 packets += self._encoded(rest)
             packets += self._stream.encode(None)
         return packets
+
+
+def _without(part: av.AudioFrame, samples: int) -> av.AudioFrame | None:
+    """A frame without its first samples; None where these are all."""
+    part.pts = None  # the FIFO takes time stamps only where they agree with its own count
+    fifo = AudioFifo()
+    fifo.write(part)
+    fifo.read(samples, partial=True)
+    return fifo.read()
 
 
 def _chosen(

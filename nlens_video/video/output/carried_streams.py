@@ -36,11 +36,10 @@ class CarriedStreams:
 
     Attributes:
         notes: on streams that are encoded anew or left out.
-        left_out: damaged packets so far [1].
     """
 
     def __init__(self, container: av.container.OutputContainer, info: SourceInfo) -> None:
-        self.left_out = 0
+        self._refused = 0
         self._ends_s = info.ends_s
         self._container = container
         self._name = container.format.name
@@ -55,6 +54,12 @@ class CarriedStreams:
                 container.metadata[key] = value
         if info.chapters:
             container.set_chapters(list(info.chapters))
+
+    @property
+    def left_out(self) -> int:
+        """Damaged packets so far, which are not in the result [1]."""
+        encoders = (one for one in self._targets.values() if isinstance(one, AudioEncoder))
+        return self._refused + sum(encoder.damaged for encoder in encoders)
 
     def begin(self) -> None:
         """Write the covers, which come before all packets; call once all streams are added."""
@@ -84,7 +89,7 @@ class CarriedStreams:
                 packet.stream = target
                 self._container.mux(packet)
         except (av.InvalidDataError, av.ArgumentError):
-            self.left_out += 1
+            self._refused += 1
 
     def finish(self) -> None:
         """Flush the encoders."""
