@@ -15,6 +15,7 @@ from pathlib import Path
 from nlens_video.core.errors import NlensError
 from nlens_video.core.stdio import print_out
 from nlens_video.core.version import VERSION
+from nlens_video.kernels.control_groups import memory_limit
 
 _GB = 1 << 30
 ADDRESSES = 2.0 * _GB
@@ -71,19 +72,18 @@ def address_space() -> int:
 
 def _memories() -> Iterator[tuple[str, float]]:
     """Limits of memory with their source [bytes]: the container, the machine."""
-    for name in ("memory.max", "memory/memory.limit_in_bytes"):  # of control groups 2 and 1
-        limit = _read(Path("/sys/fs/cgroup") / name).strip()
-        if limit.isdigit():
-            yield "this container allows", float(limit)
-    free = dict(line.split(":", 1) for line in _read(Path("/proc/meminfo")).splitlines())
+    limit = memory_limit()
+    if limit is not None:
+        yield "this container allows", float(limit)
+    free = dict(line.split(":", 1) for line in _meminfo().splitlines())
     if "MemAvailable" in free:
         kilobytes = [free.get(name, "0").split()[0] for name in ("MemAvailable", "SwapFree")]
         yield "this machine has", 1024.0 * sum(map(int, kilobytes))
 
 
-def _read(path: Path) -> str:
+def _meminfo() -> str:
     try:
-        return path.read_text()
+        return Path("/proc/meminfo").read_text()
     except OSError:
         return ""
 

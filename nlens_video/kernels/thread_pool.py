@@ -8,10 +8,13 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+from nlens_video.kernels.control_groups import MOUNTED, processor_quota
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -25,8 +28,18 @@ _thread = threading.local()
 _at_work = 0  # threads inside `parallel_for`, helpers included
 
 
-def processors() -> int:
-    """Processors this process may use; fewer than the machine's in a container or by taskset."""
+def processors(group: Path = MOUNTED) -> int:
+    """Processors this process may use; fewer than the machine's in a container or by taskset.
+
+    Args:
+        group: folder of the container's control group.
+    """
+    quota = processor_quota(group)
+    return _bound() if quota is None else min(_bound(), quota)
+
+
+def _bound() -> int:
+    """Processors that this process is bound to."""
     count = getattr(os, "process_cpu_count", None)  # from Python 3.13 on
     if count is not None:
         return count() or 1
