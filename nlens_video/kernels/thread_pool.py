@@ -7,7 +7,7 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -95,9 +95,11 @@ def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | N
 
     wanted = processors() if workers is None else workers
     helpers = _taken(int(own), min(wanted, len(left)) - 1)
-    futures = [_threads().submit(helped) for _ in range(helpers)]
+    futures: list[Future[None]] = []
     try:
         _thread.counted = True
+        for _ in range(helpers):
+            futures.append(_threads().submit(helped))
         drain()
     finally:
         started = [future for future in futures if not future.cancel()]

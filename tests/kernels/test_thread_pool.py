@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -107,6 +108,20 @@ def test_helpers_come_back_after_errors_and_nested_loops(monkeypatch):
     for _ in range(20):
         with pytest.raises(ValueError):
             parallel_for(fail, range(9))
+    seen = set()
+    parallel_for(lambda _: (seen.add(threading.get_ident()), time.sleep(0.01)), range(20))
+    assert len(seen) > 1
+
+
+def test_helpers_come_back_after_a_pool_that_takes_no_work(monkeypatch):
+    monkeypatch.setattr(thread_pool, "processors", lambda: 2)
+    ended = ThreadPoolExecutor(1)
+    ended.shutdown()
+    with monkeypatch.context() as broken:
+        broken.setattr(thread_pool, "_pool", ended)
+        for _ in range(3):
+            with pytest.raises(RuntimeError):
+                parallel_for(lambda _: None, range(9))
     seen = set()
     parallel_for(lambda _: (seen.add(threading.get_ident()), time.sleep(0.01)), range(20))
     assert len(seen) > 1
