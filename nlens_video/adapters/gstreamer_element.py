@@ -166,7 +166,9 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
             width=video.width,
             height=video.height,
             planes=tuple(
-                _rows(samples, layout.offset[plane], layout.stride[plane])
+                _rows(
+                    samples, layout.offset[plane], layout.stride[plane], _plane_rows(video, plane)
+                )
                 for plane in range(video.finfo.n_planes)
             ),
             tags=_tags(video.colorimetry),
@@ -255,10 +257,17 @@ def _at_end(pad: GiObject, info: GiObject, *given: object) -> GiObject:
     return Gst.PadProbeReturn.OK
 
 
-def _rows(samples: UInt8, offset: int, stride: int) -> UInt8:
-    """A plane's rows to the end of the memory, a last one without its padding left whole."""
-    rows = (len(samples) - offset) // stride
-    return samples[offset : offset + rows * stride].reshape(rows, stride)
+def _rows(samples: UInt8, offset: int, stride: int, rows: int) -> UInt8:
+    """A plane's rows (rows, bytes): with their padding, unless the memory ends before the last."""
+    width = min(stride, len(samples) - offset - (rows - 1) * stride)
+    return np.lib.stride_tricks.as_strided(samples[offset:], (rows, max(width, 0)), (stride, 1))
+
+
+def _plane_rows(video: GiObject, plane: int) -> int:
+    """Rows of a plane, which chroma may have fewer of."""
+    form = video.finfo
+    halvings: int = form.h_sub[form.plane.index(plane)]
+    return -(-int(video.height) >> halvings)
 
 
 def _tags(colour: GiObject) -> FrameTags:

@@ -59,7 +59,8 @@ def player(environment):
 def play(player, plates):
     """Plays what `gstreamer_player.py` calls so."""
     plate = plates("bt709")
-    return lambda what: player(what, {"glb": plate.glb, "fit": plate.fit, **OPTIONS})
+    given = {"glb": plate.glb, "fit": plate.fit, **OPTIONS}
+    return lambda what, *more: player(what, given, *more)
 
 
 @pytest.fixture
@@ -183,6 +184,12 @@ def test_another_size_is_negotiated_while_the_stream_runs(play):
     assert len(widths) == 40 and set(widths) == {480, 320}
     assert [name for name, _ in told["messages"]].count("nlens-fit") == 2
     assert not [said for name, said in told["messages"] if name == "error"]
+
+
+def test_a_last_row_without_padding_is_composited_as_one_with_it(play):
+    whole, short = play("padded", "whole"), play("padded", "short")
+    assert whole["came"] and whole["changed"], whole["messages"]
+    assert short["came"] and short["samples"] == whole["samples"], short["messages"]
 
 
 def test_latency_is_that_of_the_source_and_of_a_frame_here(play):

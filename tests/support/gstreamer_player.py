@@ -16,7 +16,8 @@ from pathlib import Path
 import gi
 
 gi.require_version("Gst", "1.0")
-from gi.repository import Gst  # noqa: E402  the version is chosen first
+gi.require_version("GstVideo", "1.0")
+from gi.repository import Gst, GstVideo  # noqa: E402  the versions are chosen first
 
 FORM = "video/x-raw,format=I420,width={},height={},framerate=25/1"
 SIZES = ((480, 270), (320, 180))
@@ -106,6 +107,35 @@ def file(properties: str, caps: str, frame_bytes: str, path: str, out: str) -> o
             frames.append(frame)
             made.write(player.last)
     return {"frames": frames, "messages": player.stop()}
+
+
+def padded(properties: str, last: str) -> object:
+    """A frame whose rows are padded, the very last one only if `last` is `whole`.
+
+    It is told as all bytes but those of the last padding.
+    """
+    width, height = SIZES[0]
+    strides = (512, 256, 256)
+    offsets = (0, 512 * height, (512 + 128) * height)
+    visible = (512 + 256) * height - 256 + width // 2
+    codes = bytes(60 + at % 97 for at in range((512 + 256) * height))
+    form = FORM.format(width, height)
+    player = Player(properties, plate=f"appsrc name=in format=time caps={form}")
+    buffer = Gst.Buffer.new_wrapped(codes if last == "whole" else codes[:visible])
+    buffer.pts, buffer.duration = 0, Gst.SECOND // 25
+    GstVideo.buffer_add_video_meta_full(
+        buffer, GstVideo.VideoFrameFlags.NONE, GstVideo.VideoFormat.I420, width, height, 3,
+        [*offsets, 0], [*strides, 0],
+    )  # fmt: skip
+    player.start()
+    source = player.pipeline.get_by_name("in")
+    source.emit("push-buffer", buffer)
+    source.emit("end-of-stream")
+    frame = player.frame()
+    changed = player.last[:visible] != codes[:visible]
+    samples = hashlib.sha256(player.last[:visible]).hexdigest()
+    return {"came": frame is not None, "changed": changed, "samples": samples,
+            "messages": player.stop()}  # fmt: skip
 
 
 def seek(properties: str) -> object:
