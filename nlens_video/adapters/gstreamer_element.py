@@ -93,7 +93,9 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         self._given: dict[str, Any] = {}
         self._lens: Compositor | None = None
         self._video: GiObject = None
+        self._form: tuple[int, int, Fraction, Fraction] | None = None
         self._rate = Fraction(0)
+        self._changed = False
         self._count = 0
         self.frame_ms = 0.0  # that the last latency was told with
         self._fit: object = None
@@ -107,41 +109,46 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
         return self._given.get(prop.name, prop.default_value)
 
     def do_set_property(self, prop: GiObject, value: object) -> None:
-        """Takes effect when the stream starts, or changes its size."""
+        """Takes effect at the next buffer, for which the element opens anew."""
         self._given[prop.name] = value
+        self._changed = True
 
     def do_set_caps(self, incaps: GiObject, outcaps: GiObject) -> bool:
-        """A stream begins, or goes on in another form: another size or rate opens anew."""
-        video = GstVideo.VideoInfo.new_from_caps(incaps)
-        before, self._video = self._video, video
-        rate = Fraction(video.fps_n, video.fps_d or 1)
-        same = before is not None and (before.width, before.height) == (video.width, video.height)
-        if self._lens is not None and same and rate == self._rate:
+        """A stream begins, or goes on in another form: other pixels or another rate open anew."""
+        self._video = video = GstVideo.VideoInfo.new_from_caps(incaps)
+        rate, shape = Fraction(video.fps_n, video.fps_d or 1), Fraction(video.par_n, video.par_d)
+        before, self._form = self._form, (video.width, video.height, shape, rate)
+        if self._lens is not None and self._form == before:
             return True
         self._rate = rate
         self._close()
+        if not rate:  # the first buffer tells how long a frame lasts
+            return True
         try:
-            self._lens = self._open()
+            self._lens = self._open(float(rate))
         except NlensError as error:
             self._fail(error)
             return False
         return True
 
-    def _open(self) -> Compositor:
+    def _open(self, fps: float | None) -> Compositor:
         given = {name.replace("-", "_"): value for name, value in self._given.items()}
         glb = given.pop("glb", None)
         if not glb:
             raise UsageError("no object was named; give glb=anim.glb")
-        told = {"fps": float(self._rate)} if self._rate else {}
-        return contract.open(glb, **told, **given)
+        self._changed = False
+        return contract.open(glb, **({} if fps is None else {"fps": fps}), **given)
 
     def do_transform_ip(self, buffer: GiObject) -> GiObject:
         """Composite one buffer where it lies; PTS, duration and metadata stay."""
-        if self._lens is None:
+        if self._video is None:
             return Gst.FlowReturn.NOT_NEGOTIATED
         try:
+            if self._changed:
+                self._close()
+            lens = self._lens = self._lens or self._open(float(self._rate) or _rate_of(buffer))
             with buffer.map(Gst.MapFlags.READ | Gst.MapFlags.WRITE) as mapped:
-                contract.process(self._lens, self._frame(buffer, mapped.data))
+                contract.process(lens, self._frame(buffer, mapped.data))
         except NlensError as error:
             self._fail(error)
             return Gst.FlowReturn.ERROR
@@ -225,6 +232,12 @@ class Nlens(GstBase.BaseTransform):  # type: ignore[misc]  # PyGObject has no ty
     def _fail(self, error: NlensError) -> None:
         kind = GLib.Error.new_literal(Gst.stream_error_quark(), str(error), Gst.StreamError.FAILED)
         self.post_message(Gst.Message.new_error(self, kind, f"exit code {error.exit_code}"))
+
+
+def _rate_of(buffer: GiObject) -> float | None:
+    """Frames per second by how long a buffer lasts, None where it does not tell [1/s]."""
+    lasts = buffer.duration not in (0, Gst.CLOCK_TIME_NONE)
+    return Gst.SECOND / buffer.duration if lasts else None
 
 
 def _keep_floating(element: GiObject) -> None:

@@ -192,6 +192,40 @@ def test_a_last_row_without_padding_is_composited_as_one_with_it(play):
     assert short["came"] and short["samples"] == whole["samples"], short["messages"]
 
 
+SQUARE = "video/x-raw,framerate=25/1,pixel-aspect-ratio=1/1"
+WIDE = "video/x-raw,framerate=25/1,pixel-aspect-ratio=4/3"
+UNRATED = "video/x-raw,framerate=0/1,pixel-aspect-ratio=1/1"
+
+
+def samples_of(told):
+    assert not [said for name, said in told["messages"] if name == "error"]
+    return [frame["samples"] for frame in told["frames"]]
+
+
+def test_another_shape_of_pixels_is_negotiated_while_the_stream_runs(play):
+    both = samples_of(play("pushed", SQUARE, WIDE))
+    assert both == [
+        samples_of(play("pushed", form, form))[k] for k, form in enumerate((SQUARE, WIDE))
+    ]
+    assert samples_of(play("pushed", SQUARE, SQUARE))[1] != both[1]
+
+
+def test_a_property_that_changes_holds_from_the_next_frame_on(play):
+    change = "animation-offset=0.2"
+    plain = samples_of(play("pushed", SQUARE, SQUARE))
+    changed = samples_of(play("pushed", change, SQUARE, SQUARE))
+    assert plain[1] != changed[1]
+    assert samples_of(play("pushed", SQUARE, change, SQUARE)) == [plain[0], changed[1]]
+
+
+def test_buffers_of_a_stream_without_a_rate_tell_how_long_a_frame_lasts(play):
+    rated, unrated = (
+        samples_of(play("pushed", "effects=defocus,motion-blur", form, form))
+        for form in (SQUARE, UNRATED)
+    )
+    assert rated == unrated
+
+
 def test_latency_is_that_of_the_source_and_of_a_frame_here(play):
     told = play("latency")
     for here, before in told["told"]:

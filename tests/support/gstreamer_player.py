@@ -163,6 +163,28 @@ def renegotiation(properties: str) -> object:
     return {"frames": frames, "messages": player.stop()}
 
 
+def pushed(properties: str, *forms: str) -> object:
+    """A frame of each form, 40 ms each; a form `NAME=TEXT` sets a property in its place."""
+    width, height = SIZES[0]
+    player = Player(properties, plate="appsrc name=in format=time")
+    source, lens = (player.pipeline.get_by_name(name) for name in ("in", "lens"))
+    player.start()
+    frames = []
+    for form in forms:
+        if not form.startswith("video"):
+            lens.set_property(*form.split("=", 1))
+            continue
+        size = f"format=I420,width={width},height={height},colorimetry=bt709"
+        source.set_property("caps", Gst.Caps.from_string(f"{form},{size}"))
+        codes = bytes(60 + at % 97 for at in range(width * height * 3 // 2))
+        buffer = Gst.Buffer.new_wrapped(codes)
+        buffer.pts, buffer.duration = len(frames) * Gst.SECOND // 25, Gst.SECOND // 25
+        source.emit("push-buffer", buffer)
+        frames.append(player.frame())
+    source.emit("end-of-stream")
+    return {"frames": frames, "messages": player.stop()}
+
+
 def latency(properties: str) -> object:
     """What a live pipeline is told before and after forty frames [ms]."""
     player = Player(properties, "num-buffers=70 is-live=true")
