@@ -63,6 +63,7 @@ def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
     """Write the selected objects, the camera and the lights by Blender's own exporter.
 
     A glTF camera has the aspect of the picture, so the plate's size is the scene's meanwhile.
+    Lights in excluded collections do not shine.
 
     Raises:
         ValueError: the exporter lacks numpy.
@@ -70,7 +71,8 @@ def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
     need_numpy()
     scene, render = context.scene, context.scene.render
     chosen, size = list(context.selected_objects), (render.resolution_x, render.resolution_y)
-    also = [one for one in scene.objects if one.type == "LIGHT" or one is scene.camera]
+    there = context.view_layer.objects
+    also = [one for one in there if one.type == "LIGHT" or one == scene.camera]
     added = [one for one in also if not one.select_get()]
     render.resolution_x, render.resolution_y = shown.size
     try:
@@ -78,13 +80,21 @@ def export(context: bpy.types.Context, shown: Plate, target: Path) -> Path:
             one.select_set(True)
         bpy.ops.export_scene.gltf(
             filepath=str(target), export_format="GLB", use_selection=True, export_cameras=True,
-            export_lights=True, export_apply=True,
+            export_lights=True, export_apply=True, **_as_shown(),
         )  # fmt: skip
     finally:
         render.resolution_x, render.resolution_y = size
         for one in added:
             one.select_set(one in chosen)
     return target
+
+
+def _as_shown() -> dict[str, object]:
+    """Options for motion as the scene shows it, without actions that are only kept in the NLA."""
+    known = bpy.ops.export_scene.gltf.get_rna_type().properties
+    if "export_animation_mode" in known:
+        return {"export_animation_mode": "SCENE", "export_anim_scene_split_object": False}
+    return {"export_nla_strips": False}  # before Blender 3.6: the active actions
 
 
 def import_scene(path: Path) -> None:
