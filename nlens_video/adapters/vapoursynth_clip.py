@@ -28,6 +28,8 @@ _UNSPECIFIED = 2
 _CHROMA_CENTRE, _CHROMA_TOP, _CHROMA_BOTTOM = 1, 3, 5
 _GREEN_BLUE_RED = (1, 2, 0)
 """Where FFmpeg's planes G, B and R lie among VapourSynth's R, G and B."""
+_MOST_SEARCHED = 1000
+"""Frames that are composited to find the lens before the clip is returned."""
 
 
 def composite(
@@ -38,10 +40,13 @@ def composite(
     """Put an object into the frames of a clip.
 
     Frames may be asked for in any order and are the same bits: effects and light are found on frame
-    0, the lens on the first frame that shows the object; these are composited here, before the
-    clip is returned. Two options remember the frames before, and are for frames in order:
-    `track_focus="auto"`, which is off by default here, and drifting exposure on a plate that pans
-    or cuts (`effects="auto,-exposure"` leaves it out).
+    0, the lens on the first frame that shows the object. These are composited here, before the clip
+    is returned: frame 0 alone where the lens is given or no effect needs it, else 1000 frames at
+    most. A lens that none of them shows is that of the first frame asked for that shows the object.
+
+    Two options remember the frames before, and are for frames in order: `track_focus="auto"`, which
+    is off by default here, and drifting exposure on a plate that pans or cuts
+    (`effects="auto,-exposure"` leaves it out).
 
     The frame properties `_Matrix`, `_Transfer`, `_Primaries`, `_Range` (or `_ColorRange`),
     `_ChromaLocation` and `_SARNum`/`_SARDen` are honoured, and kept as all others are. The time of
@@ -74,10 +79,10 @@ def composite(
 
 
 def _find_lens(clip: vs.VideoNode, composited: _Composited, lens: Compositor) -> None:
-    """Composite frame 0, and those after it up to the first that shows the object."""
-    for number in range(clip.num_frames):
+    """Composite frame 0, and those after it up to the first that shows the object to a lens."""
+    for number in range(min(clip.num_frames, _MOST_SEARCHED)):
         composited(number, clip.get_frame(number))
-        if lens.fit is not None:
+        if not lens.seeks_lens:
             return
 
 

@@ -22,14 +22,7 @@ from nlens_video.compositor.arguments import (
     naming_parameters,
 )
 from nlens_video.compositor.frame_loop import FrameLoop, OwnThread
-from nlens_video.compositor.frames import (
-    Frames,
-    Shown,
-    as_format_of,
-    from_samples,
-    show,
-    to_samples,
-)
+from nlens_video.compositor.frames import Frames, Shown, from_samples, reformatted, show, to_samples
 from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import Prefer
 from nlens_video.core.lens_fit import LensFit
@@ -217,7 +210,7 @@ class Compositor:
             raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
         picture = AvPicture(copied(frame))
         self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
-        return as_format_of(picture.frame, frame)
+        return reformatted(picture.frame, frame)
 
     def composite(
         self, picture: Picture, time: float | None = None, number: int | None = None,
@@ -253,6 +246,11 @@ class Compositor:
         """Use another lens from the next frame on; focus tracking ends."""
         pinned = as_fit(fit)
         self._call(lambda: self._loop.pin_fit(pinned))
+
+    @property
+    def seeks_lens(self) -> bool:
+        """Whether the next frame that shows the object decides the lens; adapters ask for it."""
+        return self._loop.seeks_lens
 
     def swap(self, glb: str | Path | ObjectSettings) -> None:
         """Composite another object from the next frame on; the lens is held, time goes on.

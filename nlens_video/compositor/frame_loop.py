@@ -64,6 +64,13 @@ class FrameLoop:
         return self._session.executor.fit
 
     @property
+    def seeks_lens(self) -> bool:
+        """Whether a lens is neither known nor found yet, and something that runs finds one."""
+        if self.fit is not None:
+            return False
+        return self._session is None or any(node.once for node in self._session.graph.nodes)
+
+    @property
     def plan(self) -> tuple[str, ...]:
         """What runs on each frame and why, a line each; empty before the first frame."""
         if self._session is None:

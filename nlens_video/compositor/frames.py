@@ -104,7 +104,7 @@ def from_samples(result: npt.NDArray[Any], frame: Frames) -> Frames:
     return cast("Frames", result.astype(given.dtype, copy=False))
 
 
-def as_format_of(result: av.VideoFrame, frame: av.VideoFrame) -> av.VideoFrame:
+def reformatted(result: av.VideoFrame, frame: av.VideoFrame) -> av.VideoFrame:
     """One of PyAV's frames in the format, and with time and tags, of the one it was made from.
 
     Raises:

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support import shots
 from support.conformance import (
     CASES,
     FRAMES,
     OPTIONS,
+    RATE,
     Composited,
     assert_conforms,
     assert_same_errors,
@@ -107,6 +109,41 @@ def test_lens_is_that_of_the_first_frames_whichever_is_asked_for_first(clip, com
     last = backwards.get_frame(FRAMES - 1)
     assert_same(straight.get_frame(0), backwards.get_frame(0))
     assert_same(straight.get_frame(FRAMES - 1), last)
+
+
+@pytest.fixture
+def asked():
+    """A blank clip of 1200 frames, and the numbers of those that were asked for."""
+    import vapoursynth as vs
+
+    numbers = []
+    blank = vs.core.std.BlankClip(
+        format=vs.YUV420P8, width=64, height=36, length=1200, fpsnum=RATE, fpsden=1
+    )
+
+    def noted(n, f):
+        numbers.append(n)
+        return f
+
+    return blank.std.ModifyFrame(clips=blank, selector=noted), numbers
+
+
+def test_only_the_first_frame_is_composited_beforehand_where_no_effect_needs_the_lens(
+    asked, composited
+):
+    clip, numbers = asked
+    composited(clip, fit=None, effects="none")
+    assert numbers == [0]
+
+
+def test_object_that_is_never_in_view_is_looked_for_on_a_thousand_frames_at_most(asked, tmp_path):
+    from nlens_video.vapoursynth import composite
+
+    clip, numbers = asked
+    shots.cube_glb(tmp_path / "behind.glb", start=(0.0, 0.0, 5.0))
+    made = composite(clip, tmp_path / "behind.glb", preset="draft", effects="defocus")
+    assert numbers == list(range(1000))
+    assert_same(made.get_frame(1100), clip.get_frame(1100))
 
 
 def test_range_is_read_from_either_property(source):
