@@ -15,7 +15,7 @@ from nlens_video.cameras.fspy import from_fspy, is_fspy
 from nlens_video.cameras.glb import from_glb, to_glb
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.cameras.text import broken_json, read_text
-from nlens_video.cameras.usd import SUFFIXES, from_usd, require_usd, to_usda
+from nlens_video.cameras.usd import SUFFIXES, from_usd, layers_beside, require_usd, to_usda
 from nlens_video.core.errors import SceneError, UsageError
 
 _RATE = Fraction(24)  # of files that count frames, where the plate's rate is not known
@@ -79,6 +79,15 @@ def read_camera(
     if is_fspy(raw):
         return _displayed(from_fspy(raw, str(path)), path, size, across)
     return camera_of_json(text, str(path)).resized(*size, pixel_aspect)
+
+
+def beside_camera(path: Path) -> list[Path]:
+    """Files that are read with a camera's: the layers that a USD file refers to.
+
+    Raises:
+        UsageError: it is a USD file, and OpenUSD is not installed.
+    """
+    return layers_beside(path) if path.suffix.lower() in SUFFIXES else []
 
 
 def _displayed(

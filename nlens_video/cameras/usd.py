@@ -151,6 +151,20 @@ def from_usd(
         raise SceneError(f"{path}: {error}") from error
 
 
+def layers_beside(path: Path) -> list[Path]:
+    """Files of the layers that a stage with a camera refers to, by name; none of a broken one.
+
+    Raises:
+        UsageError: OpenUSD is not installed.
+    """
+    require_usd(path)
+    try:
+        layers = [Path(name) for name in _found(path)["layers"]]
+    except SceneError:
+        return []  # reported where it is read
+    return [layer for layer in layers if layer.is_file() and layer != path.resolve()]
+
+
 def _found(path: Path) -> dict[str, Any]:
     """What the worker says of a file's camera."""
     if not path.is_file():

@@ -60,6 +60,7 @@ def _numbers(stage: Usd.Stage, lens: UsdGeom.Camera) -> dict[str, Any]:
         "description": said if isinstance(said, str) else None,
         "codes": codes,
         "frames": [_frame(lens, Usd.TimeCode(code)) for code in codes],
+        "layers": sorted(layer.realPath for layer in stage.GetUsedLayers()),
     }
 
 

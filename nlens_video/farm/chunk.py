@@ -10,12 +10,14 @@ import json
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
+from nlens_video.cameras.files import beside_camera
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.core.version import VERSION
 from nlens_video.farm.store import NAME_A_FOLDER, Folder, Store
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
+from nlens_video.options.files import beside_scene
 from nlens_video.render.select import renderer_name
 from nlens_video.run.foreground_pass import foreground_pass
 from nlens_video.run.render import OnProgress, RunResult, render
@@ -191,7 +193,7 @@ def plate_key(source: SourceSettings) -> str:
 def _plain(value: object) -> object:
     """Settings as plain data, with hashes of files in place of paths."""
     if isinstance(value, Path):
-        return _hash_of_file(value)
+        return _hash_with_beside(value)
     if is_dataclass(value):
         return {
             field.name: _plain(getattr(value, field.name))
@@ -212,6 +214,16 @@ def _hash_of_spec(spec: str | None) -> str:
     sequence = ImageSequence(spec)
     files = (f"{number} {_hash_of_file(sequence.path(number))}" for number in sequence.span())
     return _digest("\n".join(files))
+
+
+def _hash_with_beside(path: Path) -> str:
+    """Hash of a scene's or a camera's file and of those that it refers to.
+
+    One that is not there counts as empty: whether it is needed is told where it is read.
+    """
+    beside = (*beside_camera(path), *beside_scene(path))
+    hashes = (_hash_of_file(file) if file.is_file() else "" for file in beside)
+    return _digest("\n".join((_hash_of_file(path), *hashes)))
 
 
 def _hash_of_file(path: Path) -> str:

@@ -82,11 +82,11 @@ RESUMED_CHUNKS = Files("writes", "the folder of chunks", CHUNKS, of=chunks_besid
 
 
 def beside_scene(scene: Path) -> Iterator[Path]:
-    """Buffers and images that a .gltf file names; a broken file is reported where it is loaded."""
-    if scene.suffix.lower() != ".gltf":
+    """Buffers and images that a glTF file names; a broken file is reported where it is loaded."""
+    if scene.suffix.lower() not in (".gltf", ".glb"):
         return
     try:
-        text = scene.read_bytes()
+        text = _gltf_json(scene)
     except OSError:
         return
     for match in _URI.finditer(text):
@@ -96,6 +96,15 @@ def beside_scene(scene: Path) -> Iterator[Path]:
             continue
         if not name.startswith("data:"):
             yield scene.parent / unquote(name)
+
+
+def _gltf_json(scene: Path) -> bytes:
+    """The JSON of a glTF file: all of it, or the first chunk of a binary one."""
+    with scene.open("rb") as file:
+        head = file.read(20)  # of a binary one: mark, version, length, and the chunk's length, kind
+        if head.startswith(b"glTF"):
+            return file.read(int.from_bytes(head[12:16], "little"))
+        return head + file.read()
 
 
 def listed(plate: Path) -> Iterator[Path]:
