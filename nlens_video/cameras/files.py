@@ -82,11 +82,13 @@ def read_camera(
 
 
 def beside_camera(path: Path) -> list[Path]:
-    """Files that are read with a camera's: the layers that a USD file refers to.
+    """Files that are read with a camera's: those of a folder, the layers of a USD file.
 
     Raises:
         UsageError: it is a USD file, and OpenUSD is not installed.
     """
+    if path.is_dir():
+        return [path / name for name in TEXT_FILES]
     return layers_beside(path) if path.suffix.lower() in SUFFIXES else []
 
 

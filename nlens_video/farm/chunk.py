@@ -217,13 +217,14 @@ def _hash_of_spec(spec: str | None) -> str:
 
 
 def _hash_with_beside(path: Path) -> str:
-    """Hash of a scene's or a camera's file and of those that it refers to.
+    """Hash of a scene's or a camera's file or folder and of the files that are read with it.
 
-    One that is not there counts as empty: whether it is needed is told where it is read.
+    One of these that is not there counts as empty: whether it is needed is told where it is read.
     """
+    own = "" if path.is_dir() else _hash_of_file(path)
     beside = (*beside_camera(path), *beside_scene(path))
     hashes = (_hash_of_file(file) if file.is_file() else "" for file in beside)
-    return _digest("\n".join((_hash_of_file(path), *hashes)))
+    return _digest("\n".join((own, *hashes)))
 
 
 def _hash_of_file(path: Path) -> str:

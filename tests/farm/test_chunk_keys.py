@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import shots
+from support.camera_files import write_colmap
 
 from nlens_video.cameras.camera_json import camera_of_json
+from nlens_video.cameras.colmap import TEXT_FILES
 from nlens_video.cameras.files import camera_bytes
 from nlens_video.cli.main import main
 from nlens_video.farm.chunk import mark_of
@@ -92,4 +94,40 @@ def test_changed_layer_of_a_usd_camera_changes_the_key(shot):
     assert before == key(shot, *given)
     (still,) = solved.keys
     layer.write_bytes(camera_bytes(replace(solved, keys=(replace(still, fov_x_deg=40.0),)), layer))
+    assert key(shot, *given) != before
+
+
+def add_colmap_model(shot):
+    """The camera of a shot as a text model of COLMAP, over points of the ground."""
+    rng = np.random.default_rng(2)
+    ground = np.column_stack([rng.uniform(-3, 3, 200), np.zeros(200), rng.uniform(-9, -1, 200)])
+    model = write_colmap(shot / "model", [shots.camera_pose()], ground)
+    middle = f"{shots.WIDTH / 2} {shots.HEIGHT / 2}"
+    (model / "cameras.txt").write_text(
+        f"1 SIMPLE_PINHOLE {shots.WIDTH} {shots.HEIGHT} 370 {middle}\n"
+    )
+    return model
+
+
+@pytest.mark.needs_gl
+def test_chunk_under_a_camera_of_colmap_is_the_plain_run(shot):
+    given = ["--camera-from", str(add_colmap_model(shot)), "--at", "0.5,0.8", "-q"]
+    assert main([*arguments(shot, "anim.glb", *given)]) == 0
+    merged = ["merge", str(shot / "merged.mkv"), str(shot / "chunks")]
+    assert main([*merged, "--plate", str(shot / "in.mp4"), "--codec", "ffv1", "-q"]) == 0
+    plain = [str(shot / "in.mp4"), str(shot / "anim.glb"), str(shot / "plain.mkv")]
+    known = ["--fit", str(shot / "fit.json"), "--preset", "realtime", "--codec", "ffv1"]
+    assert main([*plain, *known, *given]) == 0
+    shots.assert_same_frames(shot / "merged.mkv", shot / "plain.mkv")
+
+
+@pytest.mark.parametrize("name", TEXT_FILES)
+def test_changed_file_of_a_model_of_colmap_changes_the_key(shot, name):
+    model = add_colmap_model(shot)
+    given = ["anim.glb", "--camera-from", str(model), "--at", "0.5,0.8"]
+    before = key(shot, *given)
+    (model / "project.ini").write_text("read by COLMAP alone\n")
+    assert key(shot, *given) == before
+    with (model / name).open("a") as file:
+        file.write("# \n")
     assert key(shot, *given) != before
