@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 
@@ -42,7 +43,8 @@ def blender(request, files):
     script.write_text(SCRIPT)
     start = {"blender": ["blender", "-b", "--factory-startup", "-P", script, "--"],
              "bpy": [bpy_python(), script]}[request.param]  # fmt: skip
-    environment = {**os.environ, "BLENDER_USER_SCRIPTS": str(files / request.param)}
+    environment = {**os.environ, "BLENDER_USER_SCRIPTS": str(files / request.param),
+                   "TMPDIR": str(files)}  # fmt: skip
     if request.param == "bpy":
         environment.pop("PYTHONPATH", None)
 
@@ -63,12 +65,15 @@ def blender(request, files):
 def test_selected_objects_are_composited_into_the_plate_and_the_result_is_shown(
     what, blender, files
 ):
+    (files / "out.glb").write_text("the user's own")
     told = blender(what)
     assert told["result"] == ["FINISHED"], told
+    assert (files / "out.glb").read_text() == "the user's own"
+    assert told["temporary"] == []
     assert told["selected"] == ["MESH"] and told["size"] == [1920, 1080]
     assert told["images"] == ["out.mp4"] and told["strips"] == [["nlens-video", 12]]
     words = ["--fit", "fit.json", "--preset", "draft", "--track-focus", "off"]
-    for glb, out in (("out.glb", "same.mp4"), ("anim.glb", "own.mp4")):
+    for glb, out in (("exported.glb", "same.mp4"), ("anim.glb", "own.mp4")):
         command = [files / "nlens-video", "in.mp4", glb, out, *words, "-y", "-q"]
         subprocess.run(command, cwd=files, check=True)
     shots.assert_same_frames(files / "out.mp4", files / "same.mp4")
@@ -82,7 +87,19 @@ def test_selected_objects_are_composited_into_the_plate_and_the_result_is_shown(
 def test_missing_plate_program_and_option_are_said(blender, files):
     assert "no movie clip, and its camera no background image" in blender("no plate")["error"]
     assert "nlens-video is not on the PATH" in blender("clip", files / "none")["error"]
-    assert "--no-such-option" in blender("wrong option")["error"]
+    assert "--no-such-option" in blender("--no-such-option")["error"]
+    assert "no closing quotation" in blender("--fit 'a lens")["error"]
+
+
+def test_options_may_name_files_with_spaces(blender, files):
+    (files / "a lens").mkdir(exist_ok=True)
+    shutil.copy(files / "fit.json", files / "a lens" / "fit.json")
+    assert blender("spaces").get("result") == ["FINISHED"]
+
+
+def test_scene_that_was_saved_during_a_run_is_not_running_when_it_is_opened_again(blender):
+    told = blender("save")
+    assert told == {"before": [True, False], "after": [False, True], "preset": "realtime"}
 
 
 def test_missing_numpy_is_said(blender):

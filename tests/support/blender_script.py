@@ -2,6 +2,7 @@
 
 import json
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -15,8 +16,10 @@ def compositing(scene):
     settings = scene.nlens
     settings.preset, settings.fit = "draft", folder + "/fit.json"
     settings.result, settings.words = folder + "/out.mp4", "--track-focus off"
-    if what == "wrong option":
-        settings.words = "--no-such-option"
+    if what == "spaces":
+        settings.fit, settings.words = "", f"--fit '{folder}/a lens/fit.json' --track-focus off"
+    elif what in ("--no-such-option", "--fit 'a lens"):
+        settings.words = what
     told = {}
     try:
         told["result"] = sorted(bpy.ops.nlens.composite())
@@ -31,11 +34,39 @@ def compositing(scene):
     return told
 
 
+def exporting(scene):
+    """Composite, and export the same objects into a file that stays."""
+    from nlens_video_blender import plate
+
+    told = compositing(scene)
+    plate.export(bpy.context, plate.of_scene(scene), Path(folder, "exported.glb"))
+    told["temporary"] = [one.name for one in Path(folder).glob("nlens-blender-*")]
+    return told
+
+
+def saving(scene):
+    """Save the scene while a run goes on, end that, and open the scene again."""
+    from nlens_video_blender import NLENS_OT_composite
+    from nlens_video_blender.job import Job
+
+    words = (program, folder + "/in.mp4", Path(folder, "anim.glb"), Path(folder, "cut.mkv"), [])
+    NLENS_OT_composite.latest = job = Job(*words, tempfile.TemporaryDirectory())
+    told = {"before": [scene.nlens.running, bpy.ops.nlens.composite.poll()]}
+    bpy.ops.wm.save_as_mainfile(filepath=folder + "/scene.blend")
+    job.cancel()
+    job.wait()
+    bpy.ops.wm.open_mainfile(filepath=folder + "/scene.blend")
+    told["after"] = [bpy.context.scene.nlens.running, bpy.ops.nlens.composite.poll()]
+    told["preset"] = bpy.context.scene.nlens.preset
+    return told
+
+
 def cancelling(scene):
     """Cancel a run half a second after its start."""
     from nlens_video_blender.job import Job
 
-    job = Job(program, folder + "/in.mp4", Path(folder, "anim.glb"), Path(folder, "cut.mkv"), [])
+    words = (program, folder + "/in.mp4", Path(folder, "anim.glb"), Path(folder, "cut.mkv"), [])
+    job = Job(*words, tempfile.TemporaryDirectory())
     time.sleep(0.5)
     job.cancel()
     job.wait()
@@ -117,10 +148,12 @@ if what == "background":
     behind.source, behind.clip = "MOVIE_CLIP", clip
 elif what != "no plate":
     scene.active_clip = clip
+scene.nlens.preset = "realtime"
 for one in scene.objects:
     one.select_set(one.type == "MESH")
 doing = {
     "cancel": cancelling, "layers": layers, "no layers": refused, "other layers": refused,
-    "no numpy": without_numpy, "bad cameras": refused_cameras,
+    "no numpy": without_numpy, "bad cameras": refused_cameras, "save": saving,
+    "clip": exporting, "background": exporting,
 }  # fmt: skip
 print("TOLD" + json.dumps(doing.get(what, compositing)(scene)))

@@ -1,5 +1,6 @@
 """Blender add-on of nlens-video: shoot the selected objects through the plate's lens."""
 
+import tempfile
 from pathlib import Path
 
 import bpy
@@ -36,8 +37,18 @@ class NlensPreferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "program")
 
 
+def _percent(settings: bpy.types.PropertyGroup) -> int:
+    latest = NLENS_OT_composite.latest
+    return 0 if latest is None else latest.percent
+
+
+def _is_running(settings: bpy.types.PropertyGroup) -> bool:
+    latest = NLENS_OT_composite.latest
+    return latest is not None and not latest.done
+
+
 class NlensSettings(bpy.types.PropertyGroup):
-    """Of a scene."""
+    """Of a scene; progress is that of this session's run, and is not saved with the scene."""
 
     preset: bpy.props.EnumProperty(name="Preset", items=_PRESETS, default="standard")
     result: bpy.props.StringProperty(
@@ -47,10 +58,13 @@ class NlensSettings(bpy.types.PropertyGroup):
         name="Lens fit", subtype="FILE_PATH", description="fit.json, where the lens is known"
     )
     words: bpy.props.StringProperty(
-        name="Options", description="Further options of nlens-video, as on the command line"
+        name="Options",
+        description="Further options of nlens-video, as on the command line; quote what has spaces",
     )
-    progress: bpy.props.IntProperty(name="Progress", subtype="PERCENTAGE", min=0, max=100)
-    running: bpy.props.BoolProperty()
+    progress: bpy.props.IntProperty(
+        name="Progress", subtype="PERCENTAGE", min=0, max=100, get=_percent
+    )
+    running: bpy.props.BoolProperty(get=_is_running)
 
 
 class NLENS_OT_composite(bpy.types.Operator):
@@ -58,6 +72,7 @@ class NLENS_OT_composite(bpy.types.Operator):
 
     bl_idname = "nlens.composite"
     bl_label = "Shoot through the plate's lens"
+    latest = None  # run of this session
     _job = None
     _timer = None
 
@@ -88,8 +103,6 @@ class NLENS_OT_composite(bpy.types.Operator):
             self._job.cancel()
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        settings = context.scene.nlens
-        settings.progress = self._job.percent
         for area in context.screen.areas:
             area.tag_redraw()
         if not self._job.done:
@@ -101,23 +114,22 @@ class NLENS_OT_composite(bpy.types.Operator):
         scene, settings = context.scene, context.scene.nlens
         try:
             shown = plate.of_scene(scene)
-            result = Path(bpy.path.abspath(settings.result))
-            glb = plate.export(context, shown, result.with_suffix(".glb"))
-            words = ["--preset", settings.preset, *settings.words.split()]
+            words = ["--preset", settings.preset, *job.split_options(settings.words)]
             if settings.fit:
                 words += ["--fit", bpy.path.abspath(settings.fit)]
             words += ["--animation-offset", f"{scene.frame_start / plate.rate(scene):.9g}"]
+            folder = tempfile.TemporaryDirectory(prefix="nlens-blender-")
+            glb = plate.export(context, shown, Path(folder.name) / "selected.glb")
+            result = Path(bpy.path.abspath(settings.result))
             program = context.preferences.addons[__name__].preferences.program
-            self._job = job.Job(program, shown.path, glb, result, words)
+            self._job = job.Job(program, shown.path, glb, result, words, folder)
         except (OSError, ValueError) as error:
             self.report({"ERROR"}, str(error))
             return False
-        settings.running, settings.progress = True, 0
+        NLENS_OT_composite.latest = self._job
         return True
 
     def _end(self, context: bpy.types.Context) -> set[str]:
-        settings = context.scene.nlens
-        settings.running, settings.progress = False, 0
         if self._job.cancelled:
             self.report({"WARNING"}, "cancelled; nothing was written")
             return {"CANCELLED"}

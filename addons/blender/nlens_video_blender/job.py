@@ -4,11 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 from pathlib import Path
+
+
+def split_options(text: str) -> list[str]:
+    """Words of options as a shell splits them; a backslash is a letter on Windows.
+
+    Raises:
+        ValueError: a quotation is not closed, or a backslash is the last letter.
+    """
+    lexer = shlex.shlex(text, posix=True)
+    lexer.whitespace_split, lexer.commenters = True, ""
+    if os.name == "nt":
+        lexer.escape = ""
+    try:
+        return list(lexer)
+    except ValueError as error:
+        raise ValueError(f"options: {str(error).lower()} in {text}") from None
 
 
 class Job:
@@ -20,12 +38,16 @@ class Job:
         glb: the object.
         result: its output, replaced.
         words: further options.
+        folder: holds the object, and is removed when the run has ended.
 
     Raises:
         ValueError: the program is not there.
     """
 
-    def __init__(self, program: str, plate: str, glb: Path, result: Path, words: list[str]) -> None:
+    def __init__(
+        self, program: str, plate: str, glb: Path, result: Path, words: list[str],
+        folder: tempfile.TemporaryDirectory[str],
+    ) -> None:  # fmt: skip
         found = program or shutil.which("nlens-video")
         if not found or not Path(found).exists():
             raise ValueError(
@@ -37,6 +59,7 @@ class Job:
         inherited = {name: value for name, value in os.environ.items() if "PYTHON" not in name}
         self.result, self.percent, self.cancelled = result, 0, False
         self._lines: list[str] = []
+        self._folder = folder
         self._process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
             text=True, env=inherited,
@@ -51,6 +74,8 @@ class Job:
                 self.percent = round(100 * told["frames"] / told["of"])
             except (ValueError, KeyError, TypeError, ZeroDivisionError):
                 self._lines.append(line.strip())
+        self._process.wait()
+        self._folder.cleanup()
 
     @property
     def done(self) -> bool:
