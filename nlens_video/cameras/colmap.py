@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
@@ -31,8 +32,11 @@ _PARAMETERS = {
     "OPENCV": (2, 8), "FULL_OPENCV": (2, 12),
 }  # fmt: skip
 """Camera models: how many of their parameters are focal lengths [px], and how many there are."""
-_LEFT_OUT = 0.005  # distortion at a corner that one k1 for all may miss, by the frame's width
+_COEFFICIENTS = 8  # of distortion, in OpenCV's order: k1, k2, p1, p2, k3, k4, k5, k6
+_LEFT_OUT = 0.005  # distortion at the frame's edge that one k1 for all may miss, by its width
+_EDGE_POINTS = 33  # at which that is looked at, along each side
 _SAME_PIXELS = 0.005  # by which the ratio of two focal lengths may miss the pixels' shape [1]
+_ZERO = np.zeros(3)  # neither turn nor shift
 _COUNTED = re.compile(r"# *Number of \w+: (\d+)")
 
 
@@ -45,21 +49,33 @@ class _Lens:
         focal: focal length along columns [px].
         pixel_aspect: of that along rows to it: width of a pixel by its height [1].
         principal: principal point [px].
-        radial: k1, and k2 where the model has it [1].
+        distortion: coefficients in OpenCV's order, 0 where the model has none (8,) [1].
     """
 
     size: tuple[int, int]
     focal: float
     pixel_aspect: float
     principal: tuple[float, float]
-    radial: tuple[float, ...]
+    distortion: Float64
 
-    def bent(self, radial: tuple[float, ...]) -> float:
-        """How far coefficients move a corner outwards, by the frame's width."""
-        corner = 0.5 * math.hypot(self.size[0], self.size[1] / self.pixel_aspect) / self.focal
-        return sum(
-            k * corner ** (2 * n + 3) for n, k in enumerate(radial)
-        ) * self.focal / self.size[0]  # fmt: skip
+    @property
+    def edge(self) -> Float64:
+        """Points along the frame's edge as a pinhole sees them, at depth 1 (N, 3)."""
+        along = np.linspace(0.0, 1.0, _EDGE_POINTS)
+        across, ends = np.meshgrid(along, [0.0, 1.0])
+        shares = np.stack([np.append(across, ends), np.append(ends, across)], axis=1)
+        focals = self.focal, self.focal * self.pixel_aspect
+        return np.insert((shares * self.size - self.principal) / focals, 2, 1.0, axis=1)
+
+    def missed(self, k1: float) -> float:
+        """How far k1 alone is off at the frame's edge, by its width; infinite beyond numbers."""
+        with np.errstate(all="ignore"):
+            whole, alone = (
+                cv2.projectPoints(self.edge, _ZERO, _ZERO, np.eye(3), coefficients)[0]
+                for coefficients in (self.distortion, _padded([k1]))
+            )
+            off = float(np.linalg.norm(whole - alone, axis=2).max()) * self.focal / self.size[0]
+        return off if math.isfinite(off) else math.inf
 
 
 def read_colmap(
@@ -182,10 +198,15 @@ def _cameras(path: Path) -> dict[str, _Lens]:
             values[0],
             values[focals - 1] / values[0],
             (values[focals], values[focals + 1]),
-            tuple(values[after : after + 2]),
+            _padded(values[after:]),
         )
     _check_count(path, len(found))
     return found
+
+
+def _padded(coefficients: list[float]) -> Float64:
+    """Leading coefficients of distortion with zeros for the others (8,)."""
+    return np.pad(np.array(coefficients), (0, _COEFFICIENTS - len(coefficients)))
 
 
 def _check_pixels(lenses: list[_Lens], pixel_aspect: float, folder: Path) -> None:
@@ -203,13 +224,13 @@ def _check_pixels(lenses: list[_Lens], pixel_aspect: float, folder: Path) -> Non
 
 def _bend(lenses: list[_Lens], folder: Path) -> float:
     """One radial coefficient for all pictures [1]."""
-    bend = float(np.median([lens.radial[0] if lens.radial else 0.0 for lens in lenses]))
-    missed = max(abs(lens.bent(lens.radial) - lens.bent((bend,))) for lens in lenses)
+    bend = float(np.median([lens.distortion[0] for lens in lenses]))
+    missed = max(lens.missed(bend) for lens in lenses)
     if missed > _LEFT_OUT:
         raise SceneError(
             f"{folder}: a lens whose distortion one k1 for all pictures misses by "
-            f"{100.0 * missed:.1f} % of the width in the corners; expected one lens; undistort the "
-            "pictures (colmap image_undistorter) and take them as the plate"
+            f"{100.0 * missed:.1f} % of the width at the frame's edge; expected one lens; "
+            "undistort the pictures (colmap image_undistorter) and take them as the plate"
         )
     return bend
 

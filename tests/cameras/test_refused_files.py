@@ -163,7 +163,31 @@ def test_pictures_of_colmap_without_numbers_are_refused(model):
         read_camera(model, SIZE, RATE)
 
 
-def test_distortion_that_one_coefficient_does_not_hold_is_refused(model):
-    (model / "cameras.txt").write_text("1 RADIAL 960 512 700 480 256 -0.1 0.2\n")
-    with pytest.raises(SceneError, match="one k1 for all pictures misses by 4.1 % of the width"):
+@pytest.mark.parametrize(
+    ("camera", "missed"),
+    [
+        ("RADIAL 960 512 700 480 256 -0.1 0.2", "4.1"),
+        ("OPENCV 960 512 700 700 480 256 -0.1 0 0.03 0", "2.2"),  # p1
+        ("OPENCV 960 512 700 700 480 256 -0.1 0 0 0.03", "3.6"),  # p2
+        ("FULL_OPENCV 960 512 700 700 480 256 -0.1 0 0 0 0.2 0 0 0", "2.5"),  # k3
+        ("FULL_OPENCV 960 512 700 700 480 256 0.5 0 0 0 0 0.5 0 0", "17.1"),  # k4
+        ("RADIAL 960 512 1e-200 480 256 -0.1 0.2", "inf"),
+    ],
+)
+def test_distortion_that_one_coefficient_does_not_hold_is_refused(model, camera, missed):
+    (model / "cameras.txt").write_text(f"1 {camera}\n")
+    with pytest.raises(SceneError, match=f"one k1 for all pictures misses by {missed} % of the"):
         read_camera(model, SIZE, RATE)
+
+
+@pytest.mark.parametrize("name", ["p1", "p2", "k3", "k4", "k5", "k6"])
+@pytest.mark.parametrize(("size", "held"), [(0.002, True), (0.5, False)])
+def test_each_coefficient_of_colmap_is_held_against_the_frames_edge(model, name, size, held):
+    others = {part: 0.0 for part in ("p1", "p2", "k3", "k4", "k5", "k6")}
+    values = " ".join(map(str, (others | {name: size}).values()))
+    (model / "cameras.txt").write_text(f"1 FULL_OPENCV 960 512 700 700 480 256 -0.1 0 {values}\n")
+    if held:
+        assert read_camera(model, SIZE, RATE).distortion_k1 == -0.1
+    else:
+        with pytest.raises(SceneError, match="one k1 for all pictures misses"):
+            read_camera(model, SIZE, RATE)
