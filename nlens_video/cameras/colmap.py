@@ -1,7 +1,7 @@
 """Camera paths from COLMAP's text models: cameras.txt, images.txt, points3D.txt.
 
 COLMAP's camera looks along +Z with Y down, and its world has no up: the ground is found among its
-points. Pictures are named after frames; the last number of a name counts.
+points. Pictures are named after frames; the last number of a name before its suffix counts.
 """
 
 from __future__ import annotations
@@ -37,6 +37,9 @@ _LEFT_OUT = 0.005  # distortion at the frame's edge that one k1 for all may miss
 _EDGE_POINTS = 33  # at which that is looked at, along each side
 _SAME_PIXELS = 0.005  # by which the ratio of two focal lengths may miss the pixels' shape [1]
 _ZERO = np.zeros(3)  # neither turn nor shift
+_SUFFIX = re.compile(
+    r"\.\d*[A-Za-z]\w*$"
+)  # of a picture's name: `.jp2`, not the `.0001` of a frame
 _COUNTED = re.compile(r"# *Number of \w+: (\d+)")
 
 
@@ -262,7 +265,7 @@ def _images(path: Path) -> list[tuple[int, str, Float64]]:
         if not words:
             continue
         next(lines, None)  # the picture's points; the line is empty where it has none
-        number = re.findall(r"\d+", " ".join(words[9:]))
+        number = re.findall(r"\d+", _SUFFIX.sub("", " ".join(words[9:])))
         if words[9:] and not number:
             raise SceneError(
                 f"{path}: picture {' '.join(words[9:])[:60]!r} has no number; expected pictures "

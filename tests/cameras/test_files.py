@@ -98,6 +98,19 @@ def test_model_of_colmap_is_put_on_the_ground_of_its_points(tmp_path):
     assert camera.keys[0].fov_x_deg == pytest.approx(2 * math.degrees(math.atan(480 / 1029.0)))
 
 
+@pytest.mark.parametrize("name", ["f_{}.jp2", "f.{}.j2k", "{}.3fr", "f.{}", "cam2/f{}", "{}/l.tif"])
+def test_frame_of_a_picture_of_colmap_is_the_last_number_before_its_suffix(tmp_path, name):
+    rng = np.random.default_rng(2)
+    ground = np.column_stack([rng.uniform(-3, 3, 200), np.zeros(200), rng.uniform(-9, -1, 200)])
+    poses = [pose_of(roll=0.0, eye=(0.1 * n, 1.6, 0.0)) for n in range(3)]
+    model = write_colmap(tmp_path / "sparse", poses, ground)
+    pictures = (model / "images.txt").read_text()
+    for n, frame in enumerate((10, 12, 15)):
+        pictures = pictures.replace(f"shot/frame_{n + 7:04d}.png", name.format(f"{frame:04d}"))
+    (model / "images.txt").write_text(pictures)
+    assert [key.index for key in read_camera(model, SIZE, RATE).keys] == [0, 2, 5]
+
+
 def test_model_of_colmap_without_a_ground_is_refused(tmp_path):
     folder = write_colmap(tmp_path / "sparse", [pose_of()], np.zeros((5, 3)))
     with pytest.raises(SceneError, match="no ground among 5 points"):
