@@ -51,12 +51,20 @@ def box(kind, *parts):
 
 
 def add_track_tag(path, value, kind, version=b""):
-    """Put a `meta` box with one tag into the track, as phones do; the samples stay in place."""
-    data = box(b"data", struct.pack(">II", kind, 0), value)
+    return add_track_tags(path, [(KEY, value, kind)], version)
+
+
+def add_track_tags(path, tags, version=b""):
+    """Put a `meta` box with tags into the track, as phones do; the samples stay in place."""
+    names = [box(b"mdta", name.encode()) for name, _, _ in tags]
+    values = [
+        box(struct.pack(">I", number), box(b"data", struct.pack(">II", kind, 0), value))
+        for number, (_, value, kind) in enumerate(tags, 1)
+    ]
     meta = box(
         b"meta", version, box(b"hdlr", bytes(8), b"mdta", bytes(13)),
-        box(b"keys", bytes(4), struct.pack(">I", 1), box(b"mdta", KEY.encode())),
-        box(b"ilst", box(struct.pack(">I", 1), data)),
+        box(b"keys", bytes(4), struct.pack(">I", len(names)), *names),
+        box(b"ilst", *values),
     )  # fmt: skip
     raw = path.read_bytes()
     moov, trak = raw.index(b"moov") - 4, raw.index(b"trak") - 4
@@ -166,3 +174,11 @@ def test_damaged_tags_of_a_track_are_passed_over(tmp_path):
     at = raw.index(b"ilst")
     path.write_bytes(raw[:at] + b"ilst\xff\xff\xff\xff" + raw[at + 8 :])
     assert stated(path) is None
+
+
+@pytest.mark.parametrize("kind", [23, 24])
+def test_malformed_value_of_a_track_leaves_its_other_tags(tmp_path, kind):
+    odd = ("com.apple.quicktime.camera.pitch", b"\0\0\0", kind)  # neither 4 nor 8 bytes
+    for number, tags in enumerate(([odd, (KEY, b"26", 1)], [(KEY, b"26", 1), odd])):
+        found = stated(add_track_tags(clip(tmp_path / f"in{number}.mov"), tags))
+        assert found is not None and found.equivalent_mm == 26.0

@@ -108,12 +108,12 @@ def _parts(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _text(value: bytes) -> str | None:
-    """A value as text, None for one that is neither text nor a number."""
+    """A value as text, None for one that is neither text nor a number, or is malformed."""
     kind, content = int.from_bytes(value[:4], "big"), value[8:]
     if kind == _TEXT:
         return content.decode("utf-8", "replace")
     if kind in _INTEGERS:
         return str(int.from_bytes(content, "big", signed=kind == _INTEGERS[0]))
-    if kind in _REALS:
+    if kind in _REALS and len(content) == struct.calcsize(_REALS[kind]):
         return f"{struct.unpack(_REALS[kind], content)[0]:g}"
     return None
