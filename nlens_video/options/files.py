@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
 
-from nlens_video.video.atomic_files import kept_name
+from nlens_video.video.atomic_files import kept_name, stem_beside
 from nlens_video.video.named_files import local_path
 
 _URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
@@ -61,7 +61,8 @@ BENCH = ("bench.md", "bench*.csv", "bench.png")
 
 def chunks_beside(output: Path) -> Path:
     """The folder of the chunks that become a result."""
-    return output.with_name(f"{output.name}.chunks")
+    mark = ".chunks"
+    return output.with_name(f"{stem_beside(output, len(mark))}{output.suffix}{mark}")
 
 
 READ, WRITE = (Files("reads"),), (Files("writes"),)

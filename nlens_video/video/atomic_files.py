@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import platform
 import re
@@ -19,11 +20,33 @@ from pathlib import Path
 
 from nlens_video.core.errors import OutputError
 
+_MOST_BYTES = 255  # of a file's name
+_MOST_DIGITS = 10  # of a process's number
+
 
 def partial_name(path: Path) -> Path:
     """Temporary name beside `path`; keeps the extension, so players open it."""
-    name = f".{path.stem}.partial-{_host()}-{os.getpid()}{path.suffix}"
+    name = f"{_before_process(path)}{os.getpid()}{path.suffix}"
     return written_through(path).with_name(name)
+
+
+def stem_beside(path: Path, others: int) -> str:
+    """The stem of `path` for a name beside it, shortened where that would be too long.
+
+    Args:
+        path: its suffix is part of the other name too.
+        others: how long the rest of that is [byte].
+
+    Returns:
+        the stem, or its beginning and a hash of all of it, which tells long names apart.
+    """
+    stem = os.fsencode(path.stem)
+    room = _MOST_BYTES - others - len(os.fsencode(path.suffix))
+    if len(stem) <= room:
+        return path.stem
+    end = f"~{hashlib.sha256(stem).hexdigest()[:8]}"
+    begin = stem[: max(room - len(end), 0)]
+    return begin.decode(sys.getfilesystemencoding(), "ignore") + end  # no part of a character
 
 
 def written_through(path: Path) -> Path:
@@ -43,7 +66,8 @@ def written_through(path: Path) -> Path:
 
 def kept_name(path: Path) -> Path:
     """Name of the partial file that an aborted run keeps on request."""
-    return path.with_name(f"{path.stem}.partial{path.suffix}")
+    mark = ".partial"
+    return path.with_name(f"{stem_beside(path, len(mark))}{mark}{path.suffix}")
 
 
 def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
@@ -53,8 +77,8 @@ def left_over(path: Path, *, whole_folder: bool = False) -> list[Path]:
         path: the result, or the pattern of a sequence.
         whole_folder: include temporary files of other results with its extension.
     """
-    stem = ".+" if whole_folder else re.escape(path.stem)
-    shape = re.compile(rf"\.{stem}\.partial-{_host()}-(\d+){re.escape(path.suffix)}")
+    begin = rf"\..+\.partial-{_host()}-" if whole_folder else re.escape(_before_process(path))
+    shape = re.compile(rf"{begin}(\d+){re.escape(path.suffix)}")
     try:
         folder = written_through(path).parent
         names = [(one, shape.fullmatch(one.name)) for one in folder.iterdir()]
@@ -71,6 +95,12 @@ def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
             shutil.rmtree(found) if found.is_dir() else found.unlink()
             notes.append(f"removed {found.name}, left by a run that was killed")
     return tuple(notes)
+
+
+def _before_process(path: Path) -> str:
+    """The beginning of temporary names of `path`."""
+    mark = f".partial-{_host()}-"
+    return f".{stem_beside(path, 1 + len(mark) + _MOST_DIGITS)}{mark}"
 
 
 def _host() -> str:

@@ -2,7 +2,10 @@
 
 import errno
 import os
+import platform
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,7 +13,8 @@ from support.clips import copy, noise_frame, write_clip
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutputError
-from nlens_video.video.atomic_files import partial_name, replacing
+from nlens_video.options.files import chunks_beside
+from nlens_video.video.atomic_files import kept_name, left_over, partial_name, replacing
 
 
 def test_full_disk_while_writing_text_is_a_one_line_error(tmp_path):
@@ -155,3 +159,55 @@ def test_what_cannot_be_taken_back_is_told(tmp_path, monkeypatch, links, calls, 
 
 def _no_links(*_):
     raise OSError(errno.EPERM, "no links here")
+
+
+def filled(letter, end):
+    """The longest name of a letter and an end: 255 bytes, or so many fewer as letters take."""
+    return letter * ((255 - len(end.encode())) // len(letter.encode())) + end
+
+
+@pytest.mark.parametrize("letter", ["x", "\u00fc", "\u6620", "\U0001f3ac"])
+@pytest.mark.parametrize("end", [".mkv", "_%d.png"])
+def test_longest_names_that_a_folder_takes_are_written(tmp_path, letter, end):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "gray", s) for s in range(2)])
+    out = tmp_path / "out"
+    out.mkdir()
+    name = filled(letter, end)
+    copy(clip, out / name)
+    assert {path.name for path in out.iterdir()} == {name.replace("%d", str(n)) for n in range(2)}
+
+
+@pytest.mark.parametrize("letter", ["x", "\u00fc", "\u6620", "\U0001f3ac"])
+def test_names_beside_a_result_fit_whatever_the_names_of_file_and_machine(
+    tmp_path, monkeypatch, letter
+):
+    monkeypatch.setattr(platform, "node", lambda: "render-node-" * 5)
+    for end in (".mkv", "1.mkv", "22.mkv", "333.mkv"):  # cut within any byte of a letter
+        path = tmp_path / filled(letter, end)
+        for beside in (partial_name(path), kept_name(path), chunks_beside(path)):
+            beside.write_bytes(b"x")
+            assert ".mkv" in beside.suffixes and beside.name.startswith((letter, f".{letter}"))
+
+
+def test_what_killed_runs_left_of_long_names_is_told_apart(tmp_path):
+    one, other = (tmp_path / filled("x", f"{end}.mkv") for end in ("one", "other"))
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    for path in (one, other):
+        partial = partial_name(path)
+        partial.with_name(partial.name.replace(f"-{os.getpid()}.", f"-{ended.pid}.")).touch()
+    (left,), (also,) = left_over(one), left_over(other)
+    assert left != also
+    assert kept_name(one) != kept_name(other) and chunks_beside(one) != chunks_beside(other)
+    assert sorted((left, also)) == left_over(one, whole_folder=True)
+
+
+def test_frames_of_a_sequence_with_a_long_name_are_kept_where_that_was_requested(
+    tmp_path, monkeypatch
+):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(32, 24, "gray", s) for s in range(4)])
+    failing(monkeypatch, 2)
+    with pytest.raises(OutputError):
+        copy(clip, tmp_path / filled("x", "_%d.png"), keep_partial=True)
+    (kept,) = tmp_path.glob("*.partial")
+    assert len(contents(kept)) == 4

@@ -11,7 +11,7 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import OutputError
-from nlens_video.video.atomic_files import partial_name, remove_stale
+from nlens_video.video.atomic_files import kept_name, partial_name, remove_stale
 from nlens_video.video.atomic_sequences import publish_all
 from nlens_video.video.exr import not_carried, write_layers, write_over
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
@@ -69,7 +69,7 @@ class StillSink(Sink):
         """Discard the files, or keep them where that was requested."""
         left = self._folder.is_dir() and any(self._folder.iterdir())
         if self._keep and left:
-            kept = self._path.with_name(f"{self._path.stem}.partial")
+            kept = kept_name(self._path).with_suffix("")
             shutil.rmtree(kept, ignore_errors=True)  # of an earlier run
             with contextlib.suppress(OSError):
                 self.kept = self._folder.rename(kept)
