@@ -54,6 +54,26 @@ def test_command_is_shown_where_the_browser_lets_no_page_copy(browser, studio, s
         assert chosen == line.input_value()
 
 
+@pytest.mark.parametrize(
+    ("result", "words"),
+    [("in.mp4", "is the plate as well"), ("bare.glb", "is the scene as well"),
+     ("fit.json", "is --fit as well")],
+)  # fmt: skip
+def test_refused_render_is_told_until_the_shot_is_changed(browser, studio, shot, result, words):
+    with shown(browser, studio.server, refuses=True) as page:
+        before = shot.read_bytes()
+        page.locator("#output").fill(result)
+        page.locator("#render").click()
+        told = page.get_by_text(words)
+        told.wait_for()
+        at_rest(page, lambda: page.locator("#compare").select_option("wipe sharp"))
+        assert told.is_visible()
+        assert shot.read_bytes() == before
+        page.locator("#output").fill("other.mp4")
+        at_rest(page, lambda: page.keyboard.press("Tab"))
+        assert told.is_hidden()
+
+
 def test_connection_that_is_lost_is_told_and_comes_back_with_nothing_lost(browser, tmp_path):
     shot = write_shot(tmp_path, frames=60)
     with (

@@ -119,7 +119,7 @@ class Studio:
 
 
 @contextmanager
-def shown(browser, server, *, address="", reached=True, **more):
+def shown(browser, server, *, address="", reached=True, refuses=False, **more):
     """The page of a server whose first picture is drawn; it must tell of no error.
 
     Args:
@@ -127,6 +127,7 @@ def shown(browser, server, *, address="", reached=True, **more):
         server: a server.
         address: by which the browser asks for it, in place of its own.
         reached: whether it is always there; else requests may come to nothing.
+        refuses: whether it may refuse what the page asks for.
         more: of the browser's context.
     """
     wrong = []
@@ -138,7 +139,8 @@ def shown(browser, server, *, address="", reached=True, **more):
     page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
     yield page
     context.close()
-    assert not [one for one in wrong if reached or "net::ERR_" not in one]
+    told = (*(() if reached else ("net::ERR_",)), *(("status of 4",) if refuses else ()))
+    assert not [one for one in wrong if not any(word in one for word in told)]
 
 
 @contextmanager

@@ -82,6 +82,7 @@ function onPlace(wanted, done) {
 
 /** @param {string} kind of the picture to ask for */
 function changed(kind) {
+  refused("");
   fill();
   stage.overlay();
   ask(kind);
@@ -114,10 +115,17 @@ function busy(words) {
   one("busy").textContent = words;
 }
 
-/** @param {string} words */
+/** Why there is no picture, or no render of it. @param {string} words */
 function trouble(words) {
   one("trouble").textContent = words;
   one("trouble").hidden = !words;
+}
+
+/** What the server refused to do, said until the next attempt or change. @param {string} words */
+function refused(words) {
+  one("refused").textContent = words;
+  one("refused").hidden = !words;
+  if (words) one("refused").scrollIntoView({ block: "nearest" });
 }
 
 /** @param {import("./live.js").About} said @param {Blob | null} data */
@@ -243,9 +251,9 @@ function refresh() {
 async function attempt(act) {
   try {
     await act();
-    trouble("");
+    refused("");
   } catch (error) {
-    trouble(error instanceof Error ? error.message : String(error));
+    refused(error instanceof Error ? error.message : String(error));
   }
 }
 
