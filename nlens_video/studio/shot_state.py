@@ -18,7 +18,7 @@ from nlens_video.options.shot_objects import Tables, first_object
 from nlens_video.options.shot_writer import save_tables
 from nlens_video.options.table import ROWS
 from nlens_video.options.to_settings import settings
-from nlens_video.video.named_files import local_path
+from nlens_video.video.named_files import ImageSequence, local_path
 
 _MOST_MAPS = 100
 Check = Callable[[argparse.Namespace], None]
@@ -168,7 +168,7 @@ def _from(folder: Path, name: str) -> str:
 def _result_name(plate: str) -> str:
     """A name for the result: the plate's, beside the shot file."""
     name = Path(plate)
-    stem = name.stem.partition("%")[0].rstrip("_.-") or "shot"
-    if "%" in name.name:
-        return f"{stem}-composite/{name.name}"
-    return f"{stem}-composite{name.suffix or '.mp4'}"
+    if not ImageSequence.matches(name.name):
+        return f"{name.stem}-composite{name.suffix or '.mp4'}"
+    before, percent, number = name.name.rpartition("%")
+    return f"{before.rstrip('_.-') or 'shot'}-composite.{percent}{number}"

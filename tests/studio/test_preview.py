@@ -16,6 +16,7 @@ from nlens_video.core.settings import SourceSettings
 from nlens_video.studio.plate_frames import PlateFrames
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Stage
+from nlens_video.video.named_files import ImageSequence
 
 pytestmark = pytest.mark.slow
 
@@ -182,6 +183,33 @@ def test_large_plate_is_reduced(tmp_path):
 def test_a_stream_has_no_frames_on_demand():
     with pytest.raises(UsageError, match="needs a plate in files"):
         PlateFrames(SourceSettings(spec="-"))
+
+
+@pytest.mark.parametrize(
+    ("plate", "result"),
+    [("take 100%.mp4", "take 100%-composite.mp4"), ("pl.%04d.png", "pl-composite.%04d.png"),
+     ("%03d.png", "shot-composite.%03d.png")],
+)  # fmt: skip
+def test_result_that_is_proposed_can_be_rendered(tmp_path, plate, result):
+    if plate.endswith(".mp4"):
+        shots.write_video(tmp_path / plate, frames=2)
+    else:
+        for number in (7, 8):
+            shots.write_png(ImageSequence(str(tmp_path / plate)).path(number))
+    shots.cube_glb(tmp_path / "bare.glb", camera=False, sun=False)
+    shots.fit_json(tmp_path / "fit.json")
+    shot = tmp_path / "shot.toml"
+    state = ShotState.opened(shot, str(tmp_path / plate), tmp_path / "bare.glb")
+    assert state.tables["output"]["file"] == result
+    place, quality = {"at": [0.4, 0.8], "size": 0.3}, {"preset": "draft"}
+    more = {"place": place, "camera": TABLES["camera"], "lens": TABLES["lens"]}
+    state.save(state.tables | more | {"quality": quality})
+    assert nlens(shot, "--no-progress", "-q").returncode == 0
+    written = [one for one in tmp_path.iterdir() if "-composite" in one.name]
+    assert sorted(written) == (
+        [tmp_path / result] if plate.endswith(".mp4")
+        else [ImageSequence(str(tmp_path / result)).path(number) for number in (7, 8)]
+    )  # fmt: skip
 
 
 def test_saving_keeps_what_a_person_wrote_beside_it(tmp_path):
