@@ -29,7 +29,7 @@ from nlens_video.studio.open_plate import MOST_PX
 from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
 from nlens_video.studio.previews import KINDS, Answer, Previews, Wish
 from nlens_video.studio.render_job import RenderJob
-from nlens_video.studio.shot_state import ShotState
+from nlens_video.studio.shot_state import ShotChangedError, ShotState
 from nlens_video.studio.stage import Solve, Stage
 
 _PAGE = files("nlens_video.studio").joinpath("page")
@@ -110,11 +110,12 @@ class Studio:
     async def _about(self, request: Request) -> Response:
         info = self._frames.info
         count = await run_in_threadpool(self._frames.count)
+        tables, revision = await run_in_threadpool(self._shot.read)
         rate = float(info.average_rate) if info.average_rate else 0.0
         return JSONResponse({
-            "tables": self._shot.tables,
+            "tables": tables,
             "path": str(self._shot.path),
-            "saved": self._shot.path.exists(),
+            "revision": revision,
             "plate": {
                 "name": info.name, "frames": count, "rate": rate, "width": info.width,
                 "height": info.height, "aspect": info.width * info.pixel_aspect / info.height,
@@ -125,9 +126,12 @@ class Studio:
         })  # fmt: skip
 
     async def _save(self, request: Request) -> Response:
-        tables = await _tables(request)
-        await run_in_threadpool(self._shot.save, tables)
-        return JSONResponse({"path": str(self._shot.path)})
+        return JSONResponse({"revision": await self._saved(request)})
+
+    async def _saved(self, request: Request) -> str:
+        """Save the shot unless its file has another revision than the one given; the new one."""
+        tables, revision = await _tables(request), request.query_params.get("revision")
+        return await run_in_threadpool(self._shot.save, tables, revision)
 
     async def _command(self, request: Request) -> Response:
         return JSONResponse({"command": self._shot.command(await _tables(request))})
@@ -150,10 +154,10 @@ class Studio:
         if request.method == "DELETE":
             await run_in_threadpool(self.render.cancel)
             return JSONResponse({})
-        tables = await _tables(request)
-        await run_in_threadpool(self._shot.save, tables)
+        self.render.check_free()
+        revision = await self._saved(request)
         self.render.start(self._shot.path)
-        return JSONResponse({"path": str(self._shot.path)})
+        return JSONResponse({"revision": revision})
 
     async def _result(self, request: Request) -> Response:
         path = self._shot.result(self._shot.tables)
@@ -202,7 +206,8 @@ def _telling(endpoint: Endpoint) -> Endpoint:
         try:
             return await endpoint(request)
         except NlensError as error:
-            return JSONResponse({"error": str(error)}, 422)
+            status = 409 if isinstance(error, ShotChangedError) else 422
+            return JSONResponse({"error": str(error)}, status)
 
     return answered
 

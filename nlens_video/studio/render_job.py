@@ -38,6 +38,15 @@ class RenderJob:
         """What was told last."""
         return self._last
 
+    def check_free(self) -> None:
+        """Check that none runs.
+
+        Raises:
+            UsageError: one does.
+        """
+        if self._process is not None:
+            raise UsageError("the shot is being rendered already")
+
     def start(self, shot: Path) -> None:
         """Start `nlens-video SHOT.toml`.
 
@@ -45,8 +54,7 @@ class RenderJob:
             UsageError: it runs already.
         """
         with self._gate:
-            if self._process is not None:
-                raise UsageError("the shot is being rendered already")
+            self.check_free()
             self._cancelled = False
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "nlens_video", str(shot), "-y", "--json",

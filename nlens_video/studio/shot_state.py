@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import os
 import shlex
 from collections.abc import Callable
@@ -10,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from nlens_video.core.errors import UsageError
+from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.core.settings import Settings
 from nlens_video.options.parser import Parser, parser_of
 from nlens_video.options.shot_file import files_by, read_tables, words_by
@@ -26,13 +28,17 @@ Check = Callable[[argparse.Namespace], None]
 _WRITES = {row.attribute for row in ROWS for file in row.files if file.role == "writes"}
 
 
+class ShotChangedError(OutputError):
+    """The shot file holds what whoever would write over it has not read."""
+
+
 @dataclass(slots=True)
 class ShotState:
     """A shot file that is edited, and the files that its edits may name.
 
     Attributes:
         path: the shot file; it need not exist yet.
-        tables: as they were at the start, or were saved last.
+        tables: as they were at the start, or were read or saved last.
         check: what the command line checks of its files before it runs.
     """
 
@@ -40,9 +46,11 @@ class ShotState:
     tables: Tables
     check: Check = lambda args: None
     _own: set[Path] = field(init=False)
+    _revision: str = field(init=False)
 
     def __post_init__(self) -> None:
-        self._own = {one.resolve() for one in files_by(self.tables, self.path).values()}
+        self._own = _files(self.tables, self.path)
+        self._revision = _revision(_held(self.path))
 
     @classmethod
     def opened(
@@ -94,16 +102,55 @@ class ShotState:
         folder = shlex.join(["cd", str(self.path.parent.resolve())])
         return f"{folder} && {shlex.join(['nlens-video', *words])}"
 
-    def save(self, tables: Tables) -> None:
+    def read(self) -> tuple[Tables, str]:
+        """The shot as it is by now, and the revision of its file.
+
+        Tables that another program has written are taken in place of those of before; a plate, an
+        object or a result that they leave out stays.
+
+        Raises:
+            UsageError: they cannot be read, or name another plate.
+        """
+        held = _held(self.path)
+        revision = _revision(held)
+        if held is not None and revision != self._revision:
+            files = _files(held, self.path)
+            for table in ("plate", "output"):
+                held.setdefault(table, {}).setdefault("file", self.tables[table]["file"])
+            first_object(held).setdefault("file", first_object(self.tables)["file"])
+            if held["plate"]["file"] != self.tables["plate"]["file"]:
+                raise UsageError(
+                    f"{self.path}: names another plate now, {held['plate']['file']}; start the "
+                    "studio again for that one"
+                )
+            self._own |= files
+            self.tables, self._revision = held, revision
+        return self.tables, revision
+
+    def save(self, tables: Tables, revision: str | None = None) -> str:
         """Write the shot file.
+
+        Args:
+            tables: what it shall hold.
+            revision: of the file that they were made from; None to write over any.
+
+        Returns:
+            the new revision.
 
         Raises:
             UsageError: as `settings`.
+            ShotChangedError: the file has another revision.
             OutputError: it cannot be written, or what it says would write over what it reads.
         """
         self._check_run(tables)
+        if revision is not None and revision != _revision(_held(self.path)):
+            raise ShotChangedError(
+                f"{self.path}: was changed by another page or program since this page read it; "
+                "it is left as it is"
+            )
         save_tables(self.path, tables)
-        self.tables = tables
+        self.tables, self._revision = tables, _revision(_held(self.path))
+        return self._revision
 
     def result(self, tables: Tables) -> Path | None:
         """Where the result is written; None where that is no file.
@@ -155,6 +202,22 @@ class ShotState:
 @cache
 def _parser() -> Parser:
     return parser_of("render")
+
+
+def _files(tables: Tables, path: Path) -> set[Path]:
+    return {one.resolve() for one in files_by(tables, path).values()}
+
+
+def _held(path: Path) -> Tables | None:
+    """The tables of a shot file, None where there is none."""
+    return read_tables(path) if path.exists() else None
+
+
+def _revision(held: Tables | None) -> str:
+    """Tells tables of a shot file from others, whatever comments they have; empty for no file."""
+    if held is None:
+        return ""
+    return hashlib.sha256(json.dumps(held, sort_keys=True, default=str).encode()).hexdigest()
 
 
 def _from(folder: Path, name: str) -> str:

@@ -7,7 +7,7 @@ import { Live, QUICK } from "./live.js";
 import { Objects } from "./objects.js";
 import { showEffects, showNotes, showTimes, switched } from "./panel.js";
 import { RegionPen } from "./region.js";
-import { asked, post, request } from "./server.js";
+import { Refusal, asked, post, request } from "./server.js";
 import { Shot, toToml } from "./shot.js";
 import { Stage } from "./stage.js";
 import { SunHandles } from "./sun.js";
@@ -19,9 +19,13 @@ const field = (id) => /** @type {HTMLInputElement} */ (one(id));
 
 const THUMBNAILS = 12;
 const LEAST_BELOW = 0.03; // of the object below the horizon
-const about = await request("shot");
+const about = await request("shot").catch((error) => {
+  trouble(error.message);
+  throw error;
+});
 const shot = new Shot(about.tables);
-if (!about.saved) shot.saved = "";
+let { revision } = about; // of the shot file, as it was read or saved last; empty where there is none
+if (!revision) shot.saved = "";
 const fovBefore = shot.get("camera", "fov"); // lines by hand give another
 let frame = 0;
 /** @type {any} of the last picture */
@@ -121,10 +125,16 @@ function trouble(words) {
   one("trouble").hidden = !words;
 }
 
-/** What the server refused to do, said until the next attempt or change. @param {string} words */
-function refused(words) {
-  one("refused").textContent = words;
+/**
+ * What the server refused to do, said until the next attempt or change.
+ * @param {string} words
+ * @param {(() => void) | null} [overwrite] where another page or program changed the shot file
+ */
+function refused(words, overwrite = null) {
+  one("refused-why").textContent = words;
   one("refused").hidden = !words;
+  one("shot-changed").hidden = !overwrite;
+  one("overwrite").onclick = overwrite;
   if (words) one("refused").scrollIntoView({ block: "nearest" });
 }
 
@@ -247,13 +257,18 @@ function refresh() {
   ask("rest");
 }
 
-/** Do what the server may refuse, and say why. @param {() => Promise<void>} act */
-async function attempt(act) {
+/**
+ * Do what the server may refuse, and say why.
+ * @param {() => Promise<void>} act
+ * @param {() => void} [overwrite] does the same where another page or program changed the shot file
+ */
+async function attempt(act, overwrite) {
   try {
     await act();
     refused("");
   } catch (error) {
-    refused(error instanceof Error ? error.message : String(error));
+    const other = error instanceof Refusal && error.changed;
+    refused(error instanceof Error ? error.message : String(error), (other && overwrite) || null);
   }
 }
 
@@ -472,6 +487,11 @@ one("redo").addEventListener("click", () => step("redo"));
 /** @param {"undo" | "redo"} way */
 function step(way) {
   shot[way]();
+  replaced();
+}
+
+/** Show other tables. */
+function replaced() {
   const { at } = objects.table;
   if (stage.guides && at && !stage.guides.moving) stage.guides.at = at;
   changed("rest");
@@ -525,15 +545,26 @@ function go(number) {
   ask("rest");
 }
 
-/** Send the shot to be kept. @param {"save" | "render"} where */
-function keep(where) {
-  return attempt(async () => {
+/** @type {Promise<void>} ends with what was to be kept last: each needs the revision of the one before */
+let kept = Promise.resolve();
+
+/** Send the shot to be kept. @param {"save" | "render"} where @param {boolean} [over] whatever the shot file holds */
+function keep(where, over = false) {
+  kept = kept.then(() => attempt(async () => {
     const text = JSON.stringify(shot.tables);
-    await post(where, shot.tables);
+    ({ revision } = await post(over ? where : `${where}?revision=${revision}`, shot.tables));
     shot.saved = text;
     fill();
-  });
+  }, () => void keep(where, true)));
+  return kept;
 }
+one("reload").addEventListener("click", () => void attempt(async () => {
+  const now = await request("shot");
+  ({ revision } = now);
+  shot.replace(now.tables);
+  shot.saved = JSON.stringify(now.tables);
+  replaced();
+}));
 one("save").addEventListener("click", () => void keep("save"));
 one("render").addEventListener("click", () => void keep("render"));
 one("cancel").addEventListener("click", () => void attempt(() => request("render", { method: "DELETE" })));
