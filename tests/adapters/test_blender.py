@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 
+import av
 import numpy as np
 import pytest
 from support import shots
@@ -95,6 +96,29 @@ def test_options_may_name_files_with_spaces(blender, files):
     (files / "a lens").mkdir(exist_ok=True)
     shutil.copy(files / "fit.json", files / "a lens" / "fit.json")
     assert blender("spaces").get("result") == ["FINISHED"]
+
+
+def test_action_that_is_only_kept_and_a_light_that_is_excluded_change_nothing(blender, files):
+    told = blender("kept action")
+    assert told.get("result") == ["FINISHED"], told
+    first, *_, last = [planes[0].astype(int) for _, planes in shots.read_planes(files / "out.mp4")]
+    shots.cube_glb(files / "rests.glb")
+    command = [files / "nlens-video", "in.mp4", "rests.glb", "rests.mp4", "--fit", "fit.json"]
+    command += ["--preset", "draft", "--track-focus", "off", "-y", "-q"]
+    subprocess.run(command, cwd=files, check=True)
+    expected = [planes[0].astype(int) for _, planes in shots.read_planes(files / "rests.mp4")]
+    for made, own in ((first, expected[0]), (last, expected[-1])):
+        assert np.mean(np.abs(made - own) > 24) < 0.005
+
+
+@pytest.mark.needs_programs("ffmpeg")
+def test_numbered_pictures_have_the_scenes_rate(blender, files):
+    (files / "numbered").mkdir(exist_ok=True)
+    pattern = files / "numbered" / "in.%04d.png"
+    subprocess.run(["ffmpeg", "-v", "error", "-y", "-i", files / "in.mp4", pattern], check=True)
+    assert blender("numbered").get("result") == ["FINISHED"]
+    with av.open(str(files / "out.mp4")) as container:
+        assert container.streams.video[0].average_rate == 25
 
 
 def test_scene_that_was_saved_during_a_run_is_not_running_when_it_is_opened_again(blender):

@@ -44,6 +44,39 @@ def exporting(scene):
     return told
 
 
+def kept_action(scene):
+    """Composite an object whose active action stays, beside one in the NLA that moves it away."""
+    moved = next(one for one in scene.objects if one.type == "MESH")
+    moved.animation_data_clear()
+    here = moved.location.copy()
+
+    def action(name, x):
+        moved.location.x = x
+        moved.keyframe_insert("location", frame=0)
+        made, moved.animation_data.action = moved.animation_data.action, None
+        made.name = name
+        return made
+
+    track = action("kept", here.x + 0.3), action("shown", here.x)
+    strip = moved.animation_data.nla_tracks.new()
+    strip.strips.new("kept", 0, track[0])
+    strip.mute = True
+    moved.animation_data.action = track[1]
+    if hasattr(moved.animation_data, "action_slot"):  # from 4.4 on
+        moved.animation_data.action_slot = track[1].slots[0]
+    unlit = bpy.data.collections.new("off")
+    scene.collection.children.link(unlit)
+    unlit.objects.link(bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "SUN")))
+    bpy.context.view_layer.layer_collection.children["off"].exclude = True
+    return compositing(scene)
+
+
+def numbered(scene):
+    """Composite into numbered pictures, in a scene of another rate than 24."""
+    scene.active_clip = bpy.data.movieclips.load(folder + "/numbered/in.0001.png")
+    return compositing(scene)
+
+
 def saving(scene):
     """Save the scene while a run goes on, end that, and open the scene again."""
     from nlens_video_blender import NLENS_OT_composite
@@ -154,6 +187,6 @@ for one in scene.objects:
 doing = {
     "cancel": cancelling, "layers": layers, "no layers": refused, "other layers": refused,
     "no numpy": without_numpy, "bad cameras": refused_cameras, "save": saving,
-    "clip": exporting, "background": exporting,
+    "clip": exporting, "background": exporting, "kept action": kept_action, "numbered": numbered,
 }  # fmt: skip
 print("TOLD" + json.dumps(doing.get(what, compositing)(scene)))

@@ -117,7 +117,10 @@ class NLENS_OT_composite(bpy.types.Operator):
             words = ["--preset", settings.preset, *job.split_options(settings.words)]
             if settings.fit:
                 words += ["--fit", bpy.path.abspath(settings.fit)]
-            words += ["--animation-offset", f"{scene.frame_start / plate.rate(scene):.9g}"]
+            rate = plate.rate(scene)
+            words += ["--animation-offset", f"{scene.frame_start / rate:.9g}"]
+            if shown.numbered and "--input-rate" not in words:
+                words += ["--input-rate", f"{rate:.9g}"]
             folder = tempfile.TemporaryDirectory(prefix="nlens-blender-")
             glb = plate.export(context, shown, Path(folder.name) / "selected.glb")
             result = Path(bpy.path.abspath(settings.result))

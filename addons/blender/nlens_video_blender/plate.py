@@ -10,10 +10,11 @@ import bpy
 
 
 class Plate(NamedTuple):
-    """A plate: file, or pattern of a sequence, and size [px]."""
+    """A plate: file, or pattern of a sequence (`numbered`), and size [px]."""
 
     path: str
     size: tuple[int, int]
+    numbered: bool = False
 
 
 def of_scene(scene: bpy.types.Scene) -> Plate:
@@ -29,9 +30,10 @@ def of_scene(scene: bpy.types.Scene) -> Plate:
     for found in (scene.active_clip, *(one.clip or one.image for one in behind)):
         if found is not None and found.filepath:
             path = bpy.path.abspath(found.filepath)
-            if found.source == "SEQUENCE":
+            numbered = found.source == "SEQUENCE"
+            if numbered:
                 path = re.sub(r"(\d+)(?=\.\w+$)", lambda digits: f"%0{len(digits[1])}d", path)
-            return Plate(path, (int(found.size[0]), int(found.size[1])))
+            return Plate(path, (int(found.size[0]), int(found.size[1])), numbered)
     raise ValueError("the scene has no movie clip, and its camera no background image")
 
 
