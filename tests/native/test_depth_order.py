@@ -117,7 +117,7 @@ def test_gather_is_the_same_at_every_level(reach):
         start = (-reach, -reach, reach)
         module.lay_out(rgba, alpha > 0, coc, table, 32.0, start, planes, widest)
         out = np.empty((HEIGHT, WIDTH, 4), np.float32)
-        module.gather(planes, widest, reach, places, away.astype(np.float32), out)
+        module.gather(planes, widest, (reach, reach), places, away.astype(np.float32), out)
         assert np.isfinite(out).all() and out.any()
         return planes, widest, out
 
