@@ -16,7 +16,12 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import Picture
 from nlens_video.core.settings import SourceSettings
 from nlens_video.video.info import SourceFrame
-from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.open import (
+    InputHints,
+    can_be_read_again,
+    open_container,
+    video_stream,
+)
 from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import local_path
@@ -24,6 +29,7 @@ from nlens_video.video.pixels.picture import ArrayPicture
 
 _KEPT_BYTES = 128 << 20
 _BYTES_A_PIXEL = 6  # at most: three samples of 16 bit
+_UNSEEN = ("vp8",)  # codecs some of whose packets show no frame
 
 
 class PlateFrames:
@@ -52,6 +58,7 @@ class PlateFrames:
         self._open: Source = open_seekable(source.spec, **source.hints)
         self._frames: Iterator[SourceFrame] = iter(self._open)
         self._next = 0
+        self._count: int | None = None
         self._kept: OrderedDict[int, SourceFrame] = OrderedDict()
         self.info = self._open.info
         wide, high = self.info.width, self.info.height
@@ -65,13 +72,13 @@ class PlateFrames:
         return self.size != (self.info.width, self.info.height)
 
     def count(self) -> int:
-        """Frames of the plate, by its header where that tells, else counted [1]."""
-        if self.info.kind == "still":
-            return 1
-        if self.info.frame_count:
-            return self.info.frame_count
-        with open_seekable(self._source.spec, **self._source.hints) as source:
-            return sum(1 for _ in source)
+        """Frames of the plate [1]: by its header or its packets where these tell, else read.
+
+        A duration does not tell: in Matroska it is that of the longest stream.
+        """
+        if self._count is None:
+            self._count = self._counted()
+        return self._count
 
     def frame(self, index: int) -> SourceFrame:
         """A frame, which others may share: copy its picture before compositing.
@@ -107,6 +114,42 @@ class PlateFrames:
         with self._lock:
             self._kept.clear()
             self._open.close()
+
+    def _counted(self) -> int:
+        if self.info.kind == "still":
+            return 1
+        count = self.info.frame_count if self.info.kind == "sequence" else self._packets()
+        if count:
+            return count
+        with open_seekable(self._source.spec, **self._source.hints) as source:
+            return sum(1 for _ in source)
+
+    def _packets(self) -> int | None:
+        """Frames by the header, else packets from the first key frame on.
+
+        None where a frame may have none or several of its own, or where not all can be read.
+        """
+        import av
+
+        given = self._source.hints
+        hints = InputHints(
+            format=given.get("input_format"), size=given.get("input_size"),
+            rate=given.get("input_rate"), transfer=given.get("input_transfer"),
+        )  # fmt: skip
+        container, _ = open_container(self._source.spec, hints)
+        with container:
+            stream = video_stream(container, self._source.spec)
+            if stream.frames:
+                return stream.frames
+            if self.info.interlaced or stream.codec.name in _UNSEEN:
+                return None
+            count = 0
+            try:
+                for packet in container.demux(stream):
+                    count += bool(packet.size) and (count > 0 or packet.is_keyframe)
+            except av.FFmpegError:
+                return None
+            return count
 
     def _reopen(self) -> None:
         self._open.close()

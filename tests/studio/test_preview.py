@@ -3,10 +3,12 @@
 import copy
 import json
 
+import av
 import cv2
 import numpy as np
 import pytest
 from support import shots
+from support.clips import write_clip
 from support.command import nlens
 from support.studio import TABLES, write_shot
 
@@ -168,6 +170,23 @@ def test_frames_are_those_of_the_plate_in_any_order(tmp_path):
     with pytest.raises(InputError, match="has no frame 70"):
         again.frame(70)
     again.close()
+
+
+@pytest.mark.parametrize("name", ["in.mkv", "in.webm"])
+def test_frames_are_counted_where_the_sound_is_longer_and_no_header_tells(tmp_path, name):
+    picture = av.VideoFrame.from_ndarray(shots.plate(), "rgb24")
+    frames = [picture.reformat(format="yuv420p") for _ in range(6)]
+    codec = {"in.webm": "libvpx"}.get(name, "libx264")
+    sound = "libopus" if codec == "libvpx" else True
+    path = write_clip(tmp_path / name, frames, codec=codec, audio=sound)
+    source = SourceSettings(spec=str(path))
+    plate = PlateFrames(source)
+    assert plate.info.frame_count != 6  # by the duration of the longest stream
+    assert plate.count() == 6
+    assert plate.frame(5).index == 5
+    with pytest.raises(InputError, match="has no frame 6"):
+        plate.frame(6)
+    plate.close()
 
 
 def test_large_plate_is_reduced(tmp_path):
