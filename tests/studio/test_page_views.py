@@ -105,9 +105,23 @@ def test_region_by_keys_and_one_that_is_wrong(page, shot):
     page.locator("#region").fill("0.2 0.5 0.9 0.95")
     at_rest(page, lambda: page.keyboard.press("Tab"))
     assert saved(page, shot)["lens"]["fit-region"] == [0.2, 0.5, 0.9, 0.95]
-    page.locator("#region").fill("0.9, 0.5, x")
+    page.locator("#region").fill("0.9, 0.5, 1.2, 0.9")
     page.keyboard.press("Tab")
     page.get_by_text("a region lies in the frame").wait_for()
+
+
+def test_region_that_is_no_numbers_is_named_as_it_was_typed_and_not_taken(page, shot):
+    told = page.locator("#region-wrong")
+    for typed, word in (("abc", "abc"), ("0.2, 0.5, x, 0.9", "x")):
+        page.locator("#region").fill(typed)
+        page.keyboard.press("Tab")
+        page.get_by_text(f"{word} is no number; the region is left as it was").wait_for()
+        assert "fit-region" not in saved(page, shot)["lens"]
+        assert page.locator("#trouble").is_hidden() and told.is_visible()
+    page.locator("#region").fill("0.2 0.5 0.9 0.95")
+    at_rest(page, lambda: page.keyboard.press("Tab"))
+    assert told.is_hidden()
+    assert saved(page, shot)["lens"]["fit-region"] == [0.2, 0.5, 0.9, 0.95]
 
 
 def test_times_of_the_nodes_are_shown_against_the_budget(browser, studio):

@@ -87,6 +87,7 @@ function onPlace(wanted, done) {
 /** @param {string} kind of the picture to ask for */
 function changed(kind) {
   refused("");
+  wrongRegion("");
   fill();
   stage.overlay();
   ask(kind);
@@ -461,6 +462,12 @@ function drawing(on) {
   one("drawing").textContent = on ? "Drag a box over the ground, or click the corners of a polygon and then its first one again. Escape gives up." : "";
 }
 
+/** @param {string} words */
+function wrongRegion(words) {
+  one("region-wrong").textContent = words;
+  one("region-wrong").hidden = !words;
+}
+
 /** @param {number[] | undefined} numbers */
 function setRegion(numbers) {
   shot.set("lens", { "fit-region": numbers });
@@ -478,8 +485,10 @@ one("draw-region").addEventListener("click", () => {
 });
 one("clear-region").addEventListener("click", () => setRegion(undefined));
 field("region").addEventListener("change", () => {
-  const numbers = field("region").value.split(/[\s,;]+/).filter(Boolean).map(Number);
-  setRegion(numbers.length ? numbers.map((value) => (Number.isFinite(value) ? value : -1)) : undefined);
+  const words = field("region").value.split(/[\s,;]+/).filter(Boolean);
+  const wrong = words.find((word) => !Number.isFinite(Number(word)));
+  if (wrong === undefined) setRegion(words.length ? words.map(Number) : undefined);
+  else wrongRegion(`${wrong} is no number; the region is left as it was`);
 });
 one("undo").addEventListener("click", () => step("undo"));
 one("redo").addEventListener("click", () => step("redo"));
