@@ -167,18 +167,19 @@ class Compositor:
 
         Args:
             frame: (H, W, 3) BGR or (H, W, 4) BGRA as OpenCV gives it, or (H, W) grey; uint8,
-                uint16, float32 or float16 in [0, 1]; or such a torch tensor, or of bfloat16; kept.
+                uint16, float32 or float16 in [0, 1]; or a torch tensor of that shape and type, or
+                of bfloat16; left as it is.
             time: of the frame in the animation [s]; default: its number / fps.
             out: array that takes the result, of the shape and type of `frame`, uint8, uint16 or
                 float32; may be `frame` itself, which is changed then. Saves an allocation.
             number: position in the plate, as of `composite` [1].
 
         Returns:
-            `out`, or a new array (or tensor on the same device) like the frame.
+            `out`, or a new array (or tensor on the same device) of the frame's shape and type.
 
         Raises:
             InputError: a shape or type that no picture has, or floats of another range.
-            UsageError: no array or tensor, another size than before, no time, an unfit `out`.
+            UsageError: no array or tensor, another size than before, no time, or an unfit `out`.
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """

@@ -114,13 +114,16 @@ class NLENS_OT_composite(bpy.types.Operator):
         scene, settings = context.scene, context.scene.nlens
         try:
             shown = plate.of_scene(scene)
-            words = ["--preset", settings.preset, *job.split_options(settings.words)]
+            rate = plate.rate(scene)
+            words = ["--preset", settings.preset]
+            if (
+                shown.numbered
+            ):  # pictures tell no rate; one among the options comes later, and holds
+                words += ["--input-rate", f"{rate:.9g}"]
+            words += job.split_options(settings.words)
             if settings.fit:
                 words += ["--fit", bpy.path.abspath(settings.fit)]
-            rate = plate.rate(scene)
             words += ["--animation-offset", f"{scene.frame_start / rate:.9g}"]
-            if shown.numbered and "--input-rate" not in words:
-                words += ["--input-rate", f"{rate:.9g}"]
             folder = tempfile.TemporaryDirectory(prefix="nlens-blender-")
             glb = plate.export(context, shown, Path(folder.name) / "selected.glb")
             result = Path(bpy.path.abspath(settings.result))

@@ -56,6 +56,7 @@ out vec4 radiance;
 
 const float PI = 3.14159265358979;
 const float MOST_PROBES = 16.0;  // of a texture
+const float ROUND = 1.5;         // square of the ratio of a footprint's axes that are taken for equal
 
 // Of the dielectric: reflectance at normal incidence and at grazing incidence.
 vec3 f0 = dielectric.rgb;
@@ -85,7 +86,7 @@ vec4 filtered(sampler2D map, vec2 at)
     float shorter = max(area * area / max(longer, 1.0), max(longer / (MOST_PROBES * MOST_PROBES), 1.0));
     float count = 1.0;
     vec2 apart = vec2(0.0);
-    if (longer > 1.5 * shorter) {
+    if (longer > ROUND * shorter) {
         count = max(floor(sqrt(longer / shorter) + 0.5), 2.0);
         vec2 axis = of_u >= of_v ? vec2(half_difference + root, of_both) : vec2(of_both, root - half_difference);
         apart = axis * sqrt((longer - shorter) / ((count * count - 1.0) * dot(axis, axis))) / size;
