@@ -37,9 +37,7 @@ _LEFT_OUT = 0.005  # distortion at the frame's edge that one k1 for all may miss
 _EDGE_POINTS = 33  # at which that is looked at, along each side
 _SAME_PIXELS = 0.005  # by which the ratio of two focal lengths may miss the pixels' shape [1]
 _ZERO = np.zeros(3)  # neither turn nor shift
-_SUFFIX = re.compile(
-    r"\.\d*[A-Za-z]\w*$"
-)  # of a picture's name: `.jp2`, not the `.0001` of a frame
+_SUFFIX = re.compile(r"\.\d*[A-Za-z]\w*$")  # of a name: `.jp2`, not the `.0001` of a frame
 _COUNTED = re.compile(r"# *Number of \w+: (\d+)")
 
 
