@@ -113,6 +113,29 @@ def test_layer_colours_relative_to_the_plate_agree_with_a_hand_calculation():
     assert (plate[1] == np.float32(0.4)).all()
 
 
+@pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "rgb24"])
+def test_loss_of_light_below_half_a_code_leaves_integer_samples_alone(pixel_format):
+    frame = noise_frame(32, 24, pixel_format)
+    samples = frame_samples(frame, frame_tags(frame), 0)
+    slow, before = copy.deepcopy(samples), copy.deepcopy(samples)
+    loss = np.zeros((24, 32, 4), np.float32)
+    loss[:12, :, 3], loss[12:, :, 3] = 0.4 / samples.coding.peak, 0.3
+    blend.composite_over(samples, Box(0, 0, 32, 24), loss, of_plate=True)
+    blend_ref.composite_over(slow, Box(0, 0, 32, 24), loss, of_plate=True)
+    for fast, reference, old in zip(samples.planes, slow.planes, before.planes, strict=True):
+        half = len(old) // 2
+        assert (fast[:half] == old[:half]).all()
+        assert (fast[half:] != old[half:]).any()
+        assert np.abs(fast.astype(int) - reference.astype(int)).max() <= 1
+
+
+def test_the_least_loss_of_light_changes_float_samples():
+    plate = np.full((2, 2, 3), 0.4, np.float32)
+    loss = np.full((2, 2, 4), (0.0, 0.0, 0.0, 1e-4), np.float32)
+    ArrayPicture(plate, "rgb", LINEAR).composite_over(Box(0, 0, 2, 2), loss, of_plate=True)
+    assert plate == pytest.approx(np.full((2, 2, 3), 0.4 * (1.0 - 1e-4)), abs=1e-7)
+
+
 @pytest.mark.parametrize("curve", [16, 18, 8, 13])
 def test_fast_blend_supports_every_transfer_function(curve):
     frame = noise_frame(32, 24, "yuv420p10le")

@@ -1,9 +1,11 @@
 // A layer over samples, in light: `video/pixels/blend.py`.
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <tuple>
+#include <type_traits>
 
 #include "layer_rows.h"
 #include "light_codes.h"
@@ -27,15 +29,37 @@ struct Flags {
 };
 
 template <class Sample>
-void put(Plane<Sample> plane, int y, int x, float value, float peak) {
-    if (peak > 0.0f) value = std::floor(std::min(std::max(value, 0.0f), peak) + 0.5f);
-    plane(y, x) = static_cast<Sample>(value);
+Sample sample(float value, float peak) {
+    if constexpr (std::is_integral_v<Sample>)
+        value = std::floor(std::min(std::max(value, 0.0f), peak) + 0.5f);
+    return static_cast<Sample>(value);
+}
+
+// Replaces the samples of a row from a column on by values, where they are to be.
+template <class Sample>
+void put_row(Plane<Sample> plane, int y, int x, const float* __restrict values,
+             const std::uint8_t* __restrict replaced, int count, float peak) {
+    Sample* __restrict samples = plane.at(y, x);
+    const std::ptrdiff_t step = plane.strides[1];
+    if (step == 1) {
+        for (int k = 0; k < count; ++k)
+            samples[k] = replaced[k] ? sample<Sample>(values[k], peak) : samples[k];
+    } else {
+        for (int k = 0; k < count; ++k) {
+            if (replaced[k]) samples[k * step] = sample<Sample>(values[k], peak);
+        }
+    }
 }
 
 // The multiples of `step` from `low` to before `high`, of the first `count`.
 Pair lanes(int low, int high, int step, int count) {
     const auto first_from = [step](int x) { return x > 0 ? (x + step - 1) / step : 0; };
     return {first_from(low), std::min(first_from(high), count)};
+}
+
+// Light of a row in other primaries.
+inline void convert_rows(Matrix matrix, float* const* rows, int count) {
+    if (!is_identity(matrix)) apply_rows(matrix, rows, count);
 }
 
 constexpr int kBlock = 64;  // coarse samples of a row that are composited at once
@@ -51,8 +75,9 @@ struct Pixels {
     int count;
 };
 
-// Replaces the layer's colours by the change of the plate's coded red, green and blue.
-void find_changes(const Tables& tables, Flags flags, float peak, Pixels& pixels) {
+// Adds the plate's light behind the layer to the layer's. The plate's coded red, green and blue are
+// given; the light becomes that of the plate's own primaries.
+void add_behind(const Tables& tables, Flags flags, Pixels& pixels) {
     const int count = pixels.count;
     Lane free, gain;
     for (int k = 0; k < count; ++k) free[k] = 1.0f - pixels.alpha[k], gain[k] = 1.0f;
@@ -63,26 +88,36 @@ void find_changes(const Tables& tables, Flags flags, float peak, Pixels& pixels)
             gain[k] = covered > 0.0f ? 1.0f / covered : 1.0f;
         }
     }
-    float* const plate[3] = {pixels.plate[0], pixels.plate[1], pixels.plate[2]};
     float* const own[3] = {pixels.own[0], pixels.own[1], pixels.own[2]};
-    apply_rows(tables.rgb_from_codes, plate, count);
     for (int c = 0; c < 3; ++c) {
-        std::copy_n(plate[c], count, pixels.behind[c]);
+        std::copy_n(pixels.plate[c], count, pixels.behind[c]);
         look_up_row(tables.to_linear, pixels.behind[c], count);
     }
     if (flags.of_plate) {
         Lane light[3];
         float* const rows[3] = {light[0], light[1], light[2]};
         for (int c = 0; c < 3; ++c) std::copy_n(pixels.behind[c], count, light[c]);
-        apply_rows(tables.to_bt709, rows, count);
+        convert_rows(tables.to_bt709, rows, count);
         for (int c = 0; c < 3; ++c) {
             for (int k = 0; k < count; ++k) own[c][k] *= light[c][k];
         }
     }
-    apply_rows(tables.from_bt709, own, count);
+    convert_rows(tables.from_bt709, own, count);
     for (int c = 0; c < 3; ++c) {
-        float *made = own[c], *was = plate[c], *behind = pixels.behind[c];
-        for (int k = 0; k < count; ++k) made[k] = (made[k] + free[k] * behind[k]) * gain[k];
+        const float* behind = pixels.behind[c];
+        for (int k = 0; k < count; ++k) own[c][k] = (own[c][k] + free[k] * behind[k]) * gain[k];
+    }
+}
+
+// Replaces the layer's colours by the change of the plate's coded red, green and blue.
+void find_changes(const Tables& tables, Flags flags, float peak, Pixels& pixels) {
+    const int count = pixels.count;
+    float* const plate[3] = {pixels.plate[0], pixels.plate[1], pixels.plate[2]};
+    float* const own[3] = {pixels.own[0], pixels.own[1], pixels.own[2]};
+    apply_rows(tables.rgb_from_codes, plate, count);
+    add_behind(tables, flags, pixels);
+    for (int c = 0; c < 3; ++c) {
+        float *made = own[c], *was = plate[c];
         look_up_row(tables.to_coded, made, count);
         if (peak > 0.0f) {
             for (int k = 0; k < count; ++k)
@@ -114,7 +149,7 @@ public:
           has_alpha_(alpha.shape[0] > 0),
           taps_(across_.weights.shape[0]),
           row_((kBlock - 1) * step() + std::max(taps_, step()) + std::abs(across_.first)),
-          drawn_(rgba, 2 * step() + taps_ + std::abs(across_.first)) {
+          drawn_(rgba, 2 * step() + taps_ + std::abs(across_.first), negligible(flags, peak)) {
         for (int i = 0; i < 3; ++i) std::copy_n(tables.codes_from_rgb.at(i), 3, codes_from_rgb_[i]);
     }
 
@@ -134,6 +169,11 @@ public:
     }
 
 private:
+    // The most of the plate's light, as a share of it, of which the codes change by less than half.
+    static float negligible(Flags flags, float peak) {
+        return flags.of_plate && peak > 0.0f ? 0.5f / peak : 0.0f;
+    }
+
     int step() const { return kStep ? kStep : across_.step; }
 
     // The coarse samples of a row from `begin` on; `top`: first row of their cells.
@@ -165,10 +205,11 @@ private:
             if (in_box && own_row) write_row(y, left, count);
         }
         for (int k = 0; k < count; ++k) {
-            if (!touched_[k]) continue;
-            put(second, row, begin + k, chroma_b_[k] + change_b_[k] / total_[k], peak_);
-            put(third, row, begin + k, chroma_c_[k] + change_c_[k] / total_[k], peak_);
+            chroma_b_[k] += change_b_[k] / total_[k];
+            chroma_c_[k] += change_c_[k] / total_[k];
         }
+        put_row(second, row, begin, chroma_b_, touched_, count, peak_);
+        put_row(third, row, begin, chroma_c_, touched_, count, peak_);
     }
 
     // Whether the layer is not empty at any pixel of each coarse sample's cell, and of any cell.
@@ -220,7 +261,7 @@ private:
         for (int c = 0; c < 3; ++c) take(pixels_.own[c], row_.own(c));
         take(pixels_.alpha, row_.alpha());
         take(pixels_.luma, row_.luma());
-        take(pixels_.plate_alpha, row_.plate_alpha());
+        if (!flags_.associated) take(pixels_.plate_alpha, row_.plate_alpha());
         std::copy_n(pixels_.luma, count, pixels_.plate[0]);
         std::copy_n(chroma_b_, count, pixels_.plate[1]);
         std::copy_n(chroma_c_, count, pixels_.plate[2]);
@@ -246,17 +287,16 @@ private:
         const auto first = std::get<0>(planes_);
         const int from = std::max(left, x0_);
         const int to = std::min(left + count * step(), x0_ + rgba_.shape[1]);
-        const std::uint8_t* drawn = drawn_.row(y - y0_);
-        const int start = left + across_.first;
-        const float *made = row_.made(), *alpha = row_.alpha(), *plate_alpha = row_.plate_alpha();
-        for (int x = from; x < to; ++x) {
-            if (!drawn[x - x0_]) continue;
-            put(first, y, x, made[x - start], peak_);
-            if (has_alpha_) {
-                const float bare = (1.0f - alpha[x - start]) * (1.0f - plate_alpha[x - start]);
-                put(alpha_, y, x, (1.0f - bare) * full(), peak_);
-            }
-        }
+        const int start = left + across_.first, width = to - from;
+        if (width <= 0) return;
+        const std::uint8_t* drawn = drawn_.row(y - y0_) + (from - x0_);
+        put_row(first, y, from, row_.made() + (from - start), drawn, width, peak_);
+        if (!has_alpha_) return;
+        const float* alpha = row_.alpha() + (from - start);
+        float* const becomes = row_.plate_alpha() + (from - start);
+        for (int x = 0; x < width; ++x)
+            becomes[x] = (1.0f - (1.0f - alpha[x]) * (1.0f - becomes[x])) * full();
+        put_row(alpha_, y, from, becomes, drawn, width, peak_);
     }
 
     float full() const { return peak_ > 0.0f ? peak_ : 1.0f; }

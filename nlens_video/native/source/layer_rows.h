@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <tuple>
@@ -13,11 +14,13 @@
 namespace nlens {
 
 // Where the layer is not empty, with columns beyond its sides that are, on the rows that were looked at.
+// `negligible`: sum of the sizes of a pixel's components up to which it counts as empty.
 class Drawn {
 public:
-    Drawn(Array<const float, 3> rgba, int margin)
+    Drawn(Array<const float, 3> rgba, int margin, float negligible)
         : rgba_(rgba),
           margin_(margin),
+          negligible_(negligible),
           stride_(rgba.shape[1] + 2 * margin),
           codes_(stride_ * rgba.shape[0]),
           ends_(rgba.shape[0]) {}
@@ -30,7 +33,8 @@ public:
             std::uint8_t* drawn = codes_.data() + y * stride_ + margin_;
             for (int x = 0; x < width; ++x) {
                 const float* v = layer + 4 * x;
-                drawn[x] = !((v[0] == 0.0f) & (v[1] == 0.0f) & (v[2] == 0.0f) & (v[3] == 0.0f));
+                const float sum = std::fabs(v[0]) + std::fabs(v[1]) + std::fabs(v[2]) + std::fabs(v[3]);
+                drawn[x] = !(sum <= negligible_);  // what is no number counts
             }
             const auto first = std::find(drawn, drawn + width, 1) - drawn;
             auto end = static_cast<std::ptrdiff_t>(width);
@@ -54,7 +58,9 @@ public:
 
 private:
     Array<const float, 3> rgba_;
-    std::ptrdiff_t margin_, stride_;
+    std::ptrdiff_t margin_;
+    float negligible_;
+    std::ptrdiff_t stride_;
     std::vector<std::uint8_t> codes_;
     std::vector<std::pair<int, int>> ends_;
 };

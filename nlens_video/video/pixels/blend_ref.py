@@ -53,14 +53,15 @@ def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool 
     A chroma sample changes by the filtered change of the codes of the pixels under its filter, all
     of them composited over that sample's own chroma: an opaque layer replaces it completely. It
     stays where the layer does not touch its cell. With `of_plate` the layer's colours are multiples
-    of the plate's own light.
+    of the plate's own light; where they and alpha are so small that integer codes change by less
+    than half a step, the layer counts as empty.
     """
     old = deepcopy(samples)
     touched = set()
     for y in range(box.y0, box.y1):
         for x in range(box.x0, box.x1):
             layer = rgba[y - box.y0, x - box.x0].astype(np.float64)
-            if not layer.any():
+            if _is_empty(layer, old.coding, of_plate=of_plate):
                 continue
             cell = _cell(samples, x, y)
             touched.add(cell)
@@ -88,10 +89,17 @@ def _filtered(
             total += down * across
             if box.x0 <= x < box.x1 and box.y0 <= y < box.y1:
                 layer = rgba[y - box.y0, x - box.x0].astype(np.float64)
-                if layer.any():
+                if not _is_empty(layer, old.coding, of_plate=of_plate):
                     own = _change(old, (x, y), cell, layer, of_plate=of_plate)
                     change += down * across * own[1:]
     return change / total
+
+
+def _is_empty(layer: Float64, coding: Coding, *, of_plate: bool) -> bool:
+    """Whether a pixel of a layer (4,) leaves the plate as it is."""
+    if of_plate and coding.peak:  # a code changes by no larger share than the light
+        return bool(np.abs(layer).sum() <= 0.5 / coding.peak)
+    return not layer.any()
 
 
 def _taps(axis: Axis, cell: int, length: int) -> list[tuple[int, float]]:
