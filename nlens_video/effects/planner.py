@@ -9,22 +9,26 @@ from typing import Literal, cast, get_args
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import Shutter
+from nlens_video.effects import scene_calls
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
+from nlens_video.effects.scene_calls import EACH_FRAME
 
 DEFOCUS = "defocus"
 SHADOW = "shadow"
+SELF_SHADOW = "self-shadow"
 MOTION_BLUR = "motion-blur"
 EXPOSURE = "exposure"
 REFLECTION = "reflection"
 OCCLUSION = "occlusion"
-EFFECTS = (DEFOCUS, SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS)
+EFFECTS = (
+    DEFOCUS, SHADOW, SELF_SHADOW, REFLECTION, OCCLUSION, MOTION_BLUR, EXPOSURE, *PLATE_EFFECTS
+)  # fmt: skip
 Base = Literal["auto", "all", "none"]
 GIVE = "give --holdout PATH or --occlusion auto"
 _ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
 LEFT_OUT = "left out by --effects"
 _NOT_MEASURED = "not measured"
-_EACH_FRAME = "decided on each frame"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,7 +194,7 @@ def restrict_to_pipeline(
     return tuple(
         Decision(effect=one.effect, wanted=False, reason=reason) if one.effect in missing
         else replace(one, reason=f"{one.reason}, on its {' and '.join(drawn)} too")
-        if drawn and one.effect == MOTION_BLUR and one.reason.startswith(_EACH_FRAME) else one
+        if drawn and one.effect == MOTION_BLUR and one.reason.startswith(EACH_FRAME) else one
         for one in decisions
     )  # fmt: skip
 
@@ -211,11 +215,12 @@ def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
 def _called_for(shot: ShotFacts) -> list[Decision]:
     """The decisions of `auto`."""
     by_scene = {
-        DEFOCUS: (True, f"{_EACH_FRAME}: called for where the object's CoC reaches 0.5 px"),
-        SHADOW: _shadow(shot),
-        REFLECTION: _reflection(shot),
+        DEFOCUS: (True, f"{EACH_FRAME}: called for where the object's CoC reaches 0.5 px"),
+        SHADOW: scene_calls.shadow(shot),
+        SELF_SHADOW: scene_calls.self_shadow(shot),
+        REFLECTION: scene_calls.reflection(shot),
         OCCLUSION: (False, f"no foreground was detected; {GIVE}"),
-        MOTION_BLUR: _motion_blur(shot),
+        MOTION_BLUR: scene_calls.motion_blur(shot),
     }
     decisions = [
         Decision(effect=effect, wanted=wanted, reason=reason)
@@ -249,52 +254,9 @@ def _exposure(shot: ShotFacts) -> Decision:
     if not shot.shutter.frame_s:
         return Decision(effect=EXPOSURE, wanted=False, reason="a still has no later frame")
     reason = (
-        f"{_EACH_FRAME}: called for where the plate's light differs from the first "
+        f"{EACH_FRAME}: called for where the plate's light differs from the first "
         "frame's by 2 of 255 levels"
     )
     return Decision(
         effect=EXPOSURE, wanted=True, reason=reason, threshold=2.0, unit="levels", cost_ms=0.5
-    )
-
-
-def _motion_blur(shot: ShotFacts) -> tuple[bool, str]:
-    shutter = shot.shutter
-    if shot.pre_rendered:
-        return False, "pre-rendered layers already contain motion blur"
-    if not shot.moves:
-        return False, "neither object nor camera moves"
-    if not shutter.frame_s:
-        return False, "a still has no frame time"
-    if not shutter.open_s:
-        return False, "--shutter-angle 0"
-    return True, (
-        f"{_EACH_FRAME}: called for where the object moves by 1 px while the shutter "
-        f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source})"
-    )
-
-
-def _shadow(shot: ShotFacts) -> tuple[bool, str]:
-    if shot.strength <= 0.0:
-        return False, "--shadow-strength 0"
-    if shot.pre_rendered and not shot.strength_given and not shot.sun:
-        return False, (
-            "the lighting of the layers is not known; "
-            "--effects auto,+shadow casts one by the GLB's lights"
-        )
-    if shot.lamps:
-        count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
-        return True, f"cast on the ground by {count}, plus contact shadow from ambient light"
-    if shot.sun_from_plate:
-        return True, "cast on the ground by ambient light, and by a sun estimated from the plate"
-    return True, "contact shadow from ambient light; no light source casts another"
-
-
-def _reflection(shot: ShotFacts) -> tuple[bool, str]:
-    if shot.reflectance <= 0.0:
-        return False, "the ground is assumed not to be glossy; give --ground-reflectance if it is"
-    if shot.pre_rendered:
-        return False, "pre-rendered layers do not show the object from below"
-    return True, (
-        f"--ground-reflectance: {shot.reflectance:g} at normal incidence, more at grazing "
-        "angles (Schlick)"
     )

@@ -14,7 +14,8 @@ _Bits = npt.NDArray[np.uint8]
 _Atlas = tuple[npt.NDArray[np.uint16], npt.NDArray[np.int64], npt.NDArray[np.int64]]
 _Mesh = tuple[Float32, Float32, Float32, Float32, _Int32, _Int32, Float32]
 _Paint = tuple[Float32, _Int32, _Int32, _Atlas]
-_Lights = tuple[Float32, int, Float32, Float32]
+_DepthMaps = tuple[Float32, Float32, Float32]
+_Lights = tuple[Float32, int, Float32, Float32, _DepthMaps]
 _Scene = tuple[_Mesh, _Paint, Float32, _Lights]
 _Shape = tuple[Float64, Float32, _Int32, Float64]
 _Triangles = tuple[_Shape, _Int32]
@@ -205,6 +206,28 @@ SURROUND_ROUGHEST: float
 SURROUND_SOFT: float
 
 def light_points(rows: Float32, lights: _Lights, /) -> None: ...
+
+# light_depth.cpp
+LIGHT_DEPTH_CELL: int
+
+def draw_nearness(
+    points: Float32,
+    faces: _Int32,
+    cutout: tuple[Float32, Float32, tuple[int, int], float],
+    first: int,
+    last: int,
+    map: Float32,
+    /,
+) -> None: ...
+def visible_points(
+    maps: _DepthMaps,
+    number: int,
+    places: Float32,
+    facets: Float32,
+    towards: Float32,
+    shares: Float32,
+    /,
+) -> None: ...
 
 # materials.cpp
 UNLIT: int

@@ -34,6 +34,10 @@ def test_pipeline_with_every_node_keeps_all_planned_effects():
 @pytest.mark.parametrize(
     ("scene", "effect", "wanted", "reason"),
     [
+        (ShotFacts(), "self-shadow", False, "no light source"),
+        (ShotFacts(lamps=2), "self-shadow", True, "under 2 lights"),
+        (ShotFacts(sun_from_plate=True), "self-shadow", True, "tells a sun"),
+        (ShotFacts(lamps=1, pre_rendered=True), "self-shadow", False, "lit already"),
         (ShotFacts(), "reflection", False, "give --ground-reflectance"),
         (ShotFacts(reflectance=0.2), "reflection", True, "0.2 at normal incidence"),
         (ShotFacts(reflectance=0.2, pre_rendered=True), "reflection", False, "from below"),

@@ -15,12 +15,13 @@ from nlens_video.core.optics import Distortion
 from nlens_video.effects.camera.distortion_apply import DistortionMap, undistorted_depth
 from nlens_video.effects.shadow.cast import CastShadow, Moment
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import Casters, Occluder, Opacity, TransparentCaster
+from nlens_video.effects.shadow.casters import Casters, Occluder, TransparentCaster
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.effects.shadow.light_views import LightViews, SampledCasters
 from nlens_video.effects.shadow.shadow_maps import blocked, draw
 from nlens_video.effects.shadow.things import before_shadow
 from nlens_video.effects.surfaces import normals
+from nlens_video.render.base.opacity import Opacity
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (
     Illumination,

@@ -9,6 +9,7 @@ from support.native_levels import assert_same_bits
 from support.rasteriser import layered_block
 
 from nlens_video.native import kernels
+from nlens_video.render.base.light_depth import NO_MAPS
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.software import raster
 from nlens_video.render.software.shading_inputs import CUT, LAYERED, UNLIT
@@ -34,7 +35,7 @@ def made_paint(rng):
 def made_lights(rng, ambient, levels):
     lamps = rng.random((3, 16), np.float32)
     around = rng.random((levels, 18, 18, 4), np.float32)
-    return lamps, 2, rng.random((ambient, 4), np.float32), around
+    return lamps, 2, rng.random((ambient, 4), np.float32), around, NO_MAPS
 
 
 def made_scene(module, seed, levels=surround.LEVELS):

@@ -6,6 +6,7 @@ from support.native_levels import assert_same_bits
 from support.rasteriser import random_block
 
 from nlens_video.native import kernels
+from nlens_video.render.base.light_depth import NO_MAPS
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import surround
 from nlens_video.scene.gltf.textures import Image
@@ -47,7 +48,7 @@ def test_light_on_points_is_the_same_at_every_level(suns, rows, levels):
 
     def run(module):
         lit = fields.copy()
-        module.light_points(lit, (lamps, suns, ambient, around))
+        module.light_points(lit, (lamps, suns, ambient, around, NO_MAPS))
         return lit
 
     assert_same_bits(run)

@@ -6,12 +6,13 @@ import numpy as np
 from support import shading_block as at
 
 from nlens_video.core.layers import Box
+from nlens_video.render.base.light_depth import NO_MAPS
 from nlens_video.render.software import raster, reference_kernels, triangles
 from nlens_video.scene import Camera, screen_projection
 
 SIZE = (24, 32)
-NOTHING_AROUND = np.zeros((0, 4), np.float32), np.zeros((0, 0, 0, 4), np.float32)
-"""Ambient light and what is mirrored, of `deferred.Lights`."""
+NOTHING_AROUND = np.zeros((0, 4), np.float32), np.zeros((0, 0, 0, 4), np.float32), NO_MAPS
+"""Ambient light, what is mirrored and depth maps, of `deferred.Lights`."""
 
 
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):

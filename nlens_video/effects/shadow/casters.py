@@ -6,33 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Float64
 from nlens_video.effects.shadow.coverage import edges_of
+from nlens_video.render.base.opacity import Opacity, texturing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.welding import welded_faces
 
-MIRRORED, CLAMPED = 33648, 33071  # glTF's codes for texture wrapping
-_OPAQUE = 254.5 / 255.0
 _GRAZES = 1e-3  # depth below the plane, by the height above it, that is not seen: raising is quick
 _NO_EDGES = np.zeros((0, 4), np.int32)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Opacity:
-    """Opacity of a surface.
-
-    Attributes:
-        alpha: of its texture (H, W), row 0 at v = 0; one texel of 1 where it has none [1].
-        wrap: texture wrapping along u and v: 0 repeated, 1 mirrored, 2 clamped.
-        cutoff: alpha from which on it is opaque, below which transparent; negative: alpha blending.
-    """
-
-    alpha: Float32
-    wrap: tuple[int, int]
-    cutoff: float
 
 
 @dataclass(slots=True, eq=False)
@@ -45,7 +28,7 @@ class CasterCache:
     def opacity(self, geometry: Geometry) -> Opacity | None:
         """Opacity of a geometry's surface; None where it is opaque."""
         if geometry not in self._opacities:
-            self._opacities[geometry] = _opacity_of(geometry)
+            self._opacities[geometry] = Opacity.of(geometry)
         return self._opacities[geometry]
 
     def joined(self, geometries: tuple[Geometry, ...]) -> tuple[Int32, Int32]:
@@ -109,7 +92,7 @@ class Casters:
             if opacity is None:
                 opaque.append(mesh)
             else:
-                vertices = np.concatenate([mesh.positions, _texturing(mesh.geometry)], axis=1)
+                vertices = np.concatenate([mesh.positions, texturing(mesh.geometry)], axis=1)
                 vertices = vertices.astype(np.float64)
                 transparent.append(TransparentCaster(vertices, mesh.faces, opacity))
         if not opaque:
@@ -117,42 +100,6 @@ class Casters:
         faces, edges = cache.joined(tuple(mesh.geometry for mesh in opaque))
         vertices = np.concatenate([mesh.positions for mesh in opaque])
         return cls(vertices.astype(np.float64), faces, edges, tuple(transparent))
-
-
-def _opacity_of(geometry: Geometry) -> Opacity | None:
-    """Opacity of a geometry's surface; None where it is opaque."""
-    material = geometry.material
-    if material.alpha_mode == "OPAQUE" and not material.see_through:
-        return None
-    use = None if material.alpha_mode == "OPAQUE" else material.base_color_texture
-    alpha = np.ones((1, 1), np.float32)
-    wrap = (0, 0)
-    if use is not None:
-        alpha = use.image.pixels[..., 3].astype(np.float32) / np.float32(255.0)
-        codes = {MIRRORED: 1, CLAMPED: 2}
-        wrap = (codes.get(use.image.wrap[0], 0), codes.get(use.image.wrap[1], 0))
-    cutoff = material.alpha_cutoff if material.alpha_mode == "MASK" else -1.0
-    least = float(alpha.min()) * float(_factor(geometry, material).min(initial=1.0))
-    if least >= (cutoff if cutoff >= 0.0 else _OPAQUE):
-        return None
-    return Opacity(np.ascontiguousarray(alpha), wrap, cutoff)
-
-
-def _factor(geometry: Geometry, material: Material) -> Float32:
-    """Factor on the texture's alpha at each vertex (V,) [1]."""
-    factor = np.full(len(geometry.positions), material.opacity, np.float32)
-    return factor if geometry.colors is None else factor * geometry.colors[:, 3]
-
-
-def _texturing(geometry: Geometry) -> Float32:
-    """Texture coordinates in the picture and factor on alpha (V, 3)."""
-    use = geometry.material.base_color_texture
-    uv = np.zeros((len(geometry.positions), 2), np.float32)
-    if use is not None:
-        own = geometry.uv[:, 2 * use.uv_set : 2 * use.uv_set + 2]
-        rows = np.array(use.transform, np.float32)
-        uv = own @ rows[:, :2].T + rows[:, 2]
-    return np.column_stack([uv, _factor(geometry, geometry.material)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

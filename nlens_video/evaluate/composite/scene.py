@@ -183,6 +183,7 @@ def _light_figures(plate: Plate) -> dict[str, dict[str, float]]:
     for row, (light, _) in light_cases(plate).items():
         drawn = np.zeros((frame.height, frame.width, 4))
         with SoftwareObjectRenderer(plate.scene, SceneLight(0)) as renderer:
+            renderer.shade_itself()
             layer = renderer.render(0.0, plate.camera, plate_light=light)
         if layer is None:
             continue

@@ -9,7 +9,7 @@ import numpy as np
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.planner import DEFOCUS
+from nlens_video.effects.planner import DEFOCUS, SELF_SHADOW
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.graph.nodes.known_lens_fit import fit_with_known
@@ -242,6 +242,24 @@ def _warning(fit: LensFit, ground: GroundProjection) -> str:
             NoteKind.FOOTPRINT_UNSEEN,
         )
     return ""
+
+
+class SelfShadow(Node):
+    """Depth of the object as its lights see it, by which its parts shade each other."""
+
+    name, writes = "self-shadow", "bounds"
+    effect = SELF_SHADOW
+    description = "shadow maps of the strongest lights, edges as soft as these are wide"
+
+    def __init__(self, context: NodeContext) -> None:
+        if context.renderer is None:
+            raise Unavailable("pre-rendered layers are lit already")
+        self._renderer = context.renderer
+        self._renderer.shade_itself()
+
+    def __call__(self, bounds: ScreenBounds) -> ScreenBounds:
+        self._renderer.see_from_lights(bounds.time_s, bounds.camera, bounds.plate_light)
+        return bounds
 
 
 class Render(Node):

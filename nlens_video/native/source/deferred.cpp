@@ -27,6 +27,34 @@ bool same_surface(const Mesh& mesh, int one, int other) {
     return shared && mesh.planes(one, kFacing) == mesh.planes(other, kFacing);
 }
 
+// The normal of a triangle, of any length, on the side that a direction points to.
+Vector facet_of(const Mesh& mesh, int triangle, Vector to) {
+    const std::int32_t* corners = mesh.faces.at(triangle);
+    const auto corner = [&](int k) {
+        const float* v = mesh.positions.at(corners[k]);
+        return Vector{v[0], v[1], v[2]};
+    };
+    const Vector a = corner(0), normal = cross(corner(1) - a, corner(2) - a);
+    return dot(normal, to) < 0.0f ? normal * -1.0f : normal;
+}
+
+// Finds which share of the lamps' light reaches the first `count` points of a block.
+void find_visible(Block& block, int count, const Mesh& mesh, const Lights& lights) {
+    if (!lights.depth.count()) return;
+    for (int i = 0; i < count; ++i) {
+        const Vector view = get(block.view, i);
+        const Vector facet = facet_of(mesh, block.triangle[i], view);
+        for (int n = 0; n < lights.lamps.shape[0]; ++n) {
+            const int map = map_of(lights.lamps.at(n));
+            if (map < 0) continue;
+            const Vector toward = lamp_at(block, i, lights, n).toward;
+            const bool lit = dot(get(block.normal, i), toward) > 0.0f;
+            block.visible[map][i] =
+                lit ? visible(lights.depth, map, view * -block.distance[i], facet, toward) : 1.0f;
+        }
+    }
+}
+
 constexpr int kEvery = (1 << kSamples) - 1;
 
 // Where in a pixel the centre of some of its samples lies [px].
@@ -190,6 +218,7 @@ void resolve_depth(Array<const float, 2> disparity, int first, int last, float l
 
 void shade(Block& block, int count, const ShadingInputs& scene) {
     const bool layers = evaluate_materials(block, count, scene.mesh, scene.paint, scene.lens);
+    find_visible(block, count, scene.mesh, scene.lights);
     light_points(block, count, scene.lights);
     if (layers) light_layers(block, count, scene.paint, scene.lights);
 }

@@ -274,7 +274,7 @@ void light_point(Block& block, int i, float bending, const Lights& lights) {
     const Surface surface(block, i);
     Layers layers;
     for (int number = 0; number < lights.lamps.shape[0]; ++number) {
-        add_lamp(layers, surface, lamp_at(block, i, lights, number));
+        add_lamp(layers, surface, visible_lamp_at(block, i, lights, number));
     }
     if (lights.has_ambient()) add_surround(layers, surface, lights);
     Covered covered = lay_over(layers, surface);

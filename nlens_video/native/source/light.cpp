@@ -43,17 +43,18 @@ inline Vector reflected(const Block& block, int i, const Ray& ray) {
             nl * ray.light.z * channel(base.z, f.z)};
 }
 
-void light_by_sun(Block& block, const float* lamp) {
+void light_by_sun(Block& block, const float* lamp, const float* visible) {
     const Ray ray = from_sun(lamp);
-    for (int i = 0; i < kPoints; ++i) set(block.light, i, get(block.light, i) + reflected(block, i, ray));
+    for (int i = 0; i < kPoints; ++i)
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray) * visible[i]);
 }
 
-void light_by_lamp(Block& block, const float* row) {
+void light_by_lamp(Block& block, const float* row, const float* visible) {
     float lamp[16];
     std::copy_n(row, 16, lamp);
     for (int i = 0; i < kPoints; ++i) {
         const Ray ray = from_lamp(lamp, get(block.view, i), block.distance[i]);
-        set(block.light, i, get(block.light, i) + reflected(block, i, ray));
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray) * visible[i]);
     }
 }
 
@@ -178,11 +179,16 @@ Vector mirrored_around(const Lights& lights, Vector toward, Vector normal, float
 }
 
 void light_points(Block& block, int count, const Lights& lights) {
+    Block::Numbers all, visible;
+    std::fill_n(all, kPoints, 1.0f);
     for (int n = 0; n < lights.lamps.shape[0]; ++n) {
+        const float* lamp = lights.lamps.at(n);
+        const int map = map_of(lamp);
+        std::copy_n(map < 0 ? all : block.visible[map], kPoints, visible);
         if (n < lights.suns) {
-            light_by_sun(block, lights.lamps.at(n));
+            light_by_sun(block, lamp, visible);
         } else {
-            light_by_lamp(block, lights.lamps.at(n));
+            light_by_lamp(block, lamp, visible);
         }
     }
     if (!lights.has_ambient()) return;

@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "arrays.h"
+#include "light_depth.h"
 #include "shading_block.h"
 
 namespace nlens {
@@ -17,8 +18,9 @@ struct Lights {
     int suns;                       // how many of them, the first ones, have no place
     Array<const float, 2> ambient;  // (9, 4), or (0, 4) for none
     Array<const float, 4> levels;   // `Surround.levels`, (0, 0, 0, 4) where nothing mirrors them
+    DepthMaps depth;                // of as many lamps as have one
     static constexpr auto fields =
-        std::tuple{&Lights::lamps, &Lights::suns, &Lights::ambient, &Lights::levels};
+        std::tuple{&Lights::lamps, &Lights::suns, &Lights::ambient, &Lights::levels, &Lights::depth};
 
     bool has_ambient() const { return ambient.shape[0] > 0; }
     bool has_surround() const { return levels.shape[0] > 0; }
@@ -69,11 +71,18 @@ inline Ray from_sun(const float* lamp) {
     return {{lamp[8], lamp[9], lamp[10]}, {lamp[0], lamp[1], lamp[2]}};
 }
 
-// From any of the lamps.
+// From any of the lamps, as if nothing were before it.
 inline Ray lamp_at(const Block& block, int i, const Lights& lights, int number) {
     const float* lamp = lights.lamps.at(number);
     if (number < lights.suns) return from_sun(lamp);
     return from_lamp(lamp, get(block.view, i), block.distance[i]);
+}
+
+// The same, as far as it reaches the point.
+inline Ray visible_lamp_at(const Block& block, int i, const Lights& lights, int number) {
+    const Ray ray = lamp_at(block, i, lights, number);
+    const int map = map_of(lights.lamps.at(number));
+    return map < 0 ? ray : Ray{ray.toward, ray.light * block.visible[map][i]};
 }
 
 // `Illumination.ambient` on a unit normal; `ambient` are its rows (9, 4).

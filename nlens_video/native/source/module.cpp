@@ -37,6 +37,7 @@ NB_MODULE(NLENS_MODULE, module) {
     nlens::bind_grain(module);
     nlens::bind_layers(module);
     nlens::bind_light(module);
+    nlens::bind_light_depth(module);
     nlens::bind_materials(module);
     nlens::bind_paper_scatter(module);
     nlens::bind_plane_blur(module);

@@ -23,6 +23,7 @@ void bind_exposure(nanobind::module_& module);
 void bind_grain(nanobind::module_& module);
 void bind_layers(nanobind::module_& module);
 void bind_light(nanobind::module_& module);
+void bind_light_depth(nanobind::module_& module);
 void bind_materials(nanobind::module_& module);
 void bind_paper_scatter(nanobind::module_& module);
 void bind_plane_blur(nanobind::module_& module);

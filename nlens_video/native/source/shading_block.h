@@ -8,7 +8,8 @@
 
 namespace nlens {
 
-constexpr int kPoints = 64;  // of a block
+constexpr int kPoints = 64;    // of a block
+constexpr int kDepthMaps = 4;  // of lamps, at most
 
 // Rows of one number of each point, so that loops over points vectorise.
 struct Block {
@@ -45,11 +46,13 @@ struct Block {
 
     // How much the normal varies within the pixel, as what it adds to the square of alpha.
     Numbers widening;
+    // Share of the light of lamps with a depth map that reaches the point, map by map.
+    Numbers visible[kDepthMaps];
 
     // Triangle, pixel (row * columns + column), samples (a bit each), material.
     Integers triangle, pixel, mask, material;
 };
-static_assert(sizeof(Block) == (72 + 4) * kPoints * 4);  // tests know the rows
+static_assert(sizeof(Block) == (76 + 4) * kPoints * 4);  // tests know the rows
 
 // Points of a block: the first, and one beyond the last.
 struct Run {

@@ -8,11 +8,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import Self
 
 from nlens_video.core.errors import NlensError, Note, NoteKind
 from nlens_video.core.layers import BehindLayer, Box, Float32, Float64, ObjectLayer
 from nlens_video.render.base.drawer import BehindPicture, FrontSurfaces, ViewSetup, view_setup
+from nlens_video.render.base.light_depth import LightDepthCache, no_light_depth
 from nlens_video.render.base.shader_inputs import Lighting
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination
@@ -40,6 +42,7 @@ class BoxRenderer(ABC):
 
     def __init__(self, scene: Scene, light: SceneLight | None = None) -> None:
         self._scene = scene
+        self._light_depth: LightDepthCache | None = None
         self._light = light or SceneLight(scene.light_count)
         self._posed: PosedScene | None = None
         self._last: tuple[tuple[object, ...], ObjectLayer] | None = None
@@ -58,6 +61,22 @@ class BoxRenderer(ABC):
         """Draw the same files from now on where another scene places them, under other light."""
         self._scene, self._light = scene, light or self._light
         self._posed = self._last = self._on_target = None
+
+    def shade_itself(self) -> None:
+        """Let parts of the object, and objects, cast shadows on each other from now on."""
+        self._light_depth = LightDepthCache()
+
+    def see_from_lights(
+        self, time_s: float, camera: Camera, plate_light: Illumination | None = None
+    ) -> None:
+        """Draw the object's depth as its lights see it, for the pictures of a time that follow.
+
+        Args:
+            time_s: time of the animation [s].
+            camera: of these pictures; they need maps as fine as the object is large there.
+            plate_light: as for `render`.
+        """
+        self._moment(time_s, plate_light, camera)
 
     @property
     def light_note(self) -> Note:
@@ -100,7 +119,7 @@ class BoxRenderer(ABC):
                 another thread owns the context.
             SceneError: the animation scales the object beyond all numbers.
         """
-        posed, lighting, origin = self._moment(time_s, plate_light)
+        posed, lighting, origin = self._moment(time_s, plate_light, camera)
         camera = camera.about(origin)
         key = (*_key(posed, camera, lighting), margin)
         if not nearest and self._last is not None and self._last[0] == key:
@@ -200,7 +219,7 @@ class BoxRenderer(ABC):
         """What lies behind a part of the last picture, without what blends; None for nothing."""
 
     def _moment(
-        self, time_s: float, plate_light: Illumination | None
+        self, time_s: float, plate_light: Illumination | None, camera: Camera
     ) -> tuple[PosedScene, Lighting, Float64 | None]:
         """The object and its light at a time, about its `origin`, and that."""
         self._check()
@@ -217,7 +236,11 @@ class BoxRenderer(ABC):
             self._say(f"the sun's shadow leaves {share:.0f} % of the light, as the plate's own do")
         light = self._light.on_object(posed.lights, plate_light)
         mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
-        return posed, Lighting.of(light, mirrored=mirrored), self._posed.origin
+        origin = self._posed.origin
+        depth = no_light_depth
+        if self._light_depth is not None:
+            depth = partial(self._light_depth.of, posed, camera.about(origin))
+        return posed, Lighting.of(light, mirrored=mirrored, depth=depth), origin
 
     def _say(self, text: str) -> None:
         note = Note(text, NoteKind.INFORMATION)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.render.base.light_depth import LightDepth, no_light_depth
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import TextureUse
-from nlens_video.scene.illumination import MAX_LAMPS, Illumination, PosedLight
+from nlens_video.scene.illumination import MAX_LAMPS, Illumination, Lamp, PosedLight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,20 +23,34 @@ class Lighting:
         lights: at most `MAX_LAMPS`.
         ambient: light from around (9, 3), as of `Illumination.ambient`; None where there is none.
         surround: that light as of `Surround.levels`; None where no surface mirrors it.
+        depth: of the object as some of the lights see it; None where nothing blocks them.
     """
 
     lights: tuple[PosedLight, ...]
     ambient: Float64 | None
     surround: Float32 | None = None
+    depth: LightDepth | None = None
 
     @classmethod
-    def of(cls, light: Illumination, *, mirrored: bool) -> Lighting:
-        """Pack an illumination; `mirrored` says whether any surface is smooth."""
-        lights = (lamp.posed for lamp in light.lamps[:MAX_LAMPS])
-        ordered = sorted(lights, key=lambda posed: posed.light.kind != "directional")
+    def of(
+        cls,
+        light: Illumination,
+        *,
+        mirrored: bool,
+        depth: Callable[[Sequence[Lamp]], LightDepth | None] = no_light_depth,
+    ) -> Lighting:
+        """Pack an illumination.
+
+        Args:
+            light: on the object.
+            mirrored: whether any surface is smooth.
+            depth: gives the object's depth as lamps see it.
+        """
+        lamps = light.lamps[:MAX_LAMPS]
+        ordered = sorted(lamps, key=lambda lamp: lamp.posed.light.kind != "directional")
         known = mirrored and light.ambient is not None and light.surround is not None
         surround = light.surround.levels if known and light.surround else None
-        return cls(tuple(ordered), light.ambient, surround)
+        return cls(tuple(lamp.posed for lamp in ordered), light.ambient, surround, depth(ordered))
 
     @property
     def defines(self) -> dict[str, int]:
@@ -48,6 +64,8 @@ class Lighting:
             counts["USE_AMBIENT"] = 1
         if self.surround is not None:
             counts["USE_SURROUND"] = 1
+        if self.depth is not None:
+            counts["DEPTH_MAPS"] = len(self.depth.lights)
         return counts
 
     @property
@@ -57,7 +75,9 @@ class Lighting:
 
     def lamp_rows(self, eye: Float64) -> Float32:
         """Numbers of the lights (L, 16), relative to the eye (3,)."""
-        rows = [_lamp(posed, eye) for posed in self.lights]
+        maps = self.depth.lights if self.depth is not None else ()
+        numbers = {light: number for number, light in enumerate(maps, start=1)}
+        rows = [_lamp(one, eye, numbers.get(light, 0)) for light, one in enumerate(self.lights)]
         return np.array(rows, dtype=np.float32).reshape(len(rows), 16)
 
     def ambient_rows(self) -> Float32:
@@ -68,18 +88,20 @@ class Lighting:
         return rows
 
     def frame_block(self, clip_from_relative: Float64, eye: Float64) -> Float32:
-        """Numbers of the frame: matrix (4, 4), eye (3,), ambient light, lights relative to the eye.
+        """Numbers of the frame: matrix (4, 4), eye (3,), ambient light, lights, their views.
 
         Args:
             clip_from_relative: clip space from world axes around the eye.
             eye: the camera's place in the world [scene unit].
         """
         lamps = self.lamp_rows(eye) if self.lights else np.zeros((1, 4))
-        parts = [clip_from_relative, np.append(eye, 0.0), self.ambient_rows(), lamps]
+        views = self.depth.rows(eye) if self.depth is not None else np.zeros(0)
+        parts = [clip_from_relative, np.append(eye, 0.0), self.ambient_rows(), lamps, views]
         return np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
 
 
-def _lamp(posed: PosedLight, eye: Float64) -> list[tuple[float, ...]]:
+def _lamp(posed: PosedLight, eye: Float64, depth_map: int) -> list[tuple[float, ...]]:
+    """Rows of a light; `depth_map` counts from 1, 0 for none."""
     light = posed.light
     strength = tuple(light.intensity * channel for channel in light.color)
     reach = 0.0 if light.range is None else light.range**-2.0
@@ -91,7 +113,7 @@ def _lamp(posed: PosedLight, eye: Float64) -> list[tuple[float, ...]]:
         (*strength, 0.0),
         (*(posed.position - eye), reach),
         (*-posed.direction, 0.0),
-        (scale, offset, 0.0, 0.0),
+        (scale, offset, float(depth_map), 0.0),
     ]
 
 

@@ -22,6 +22,7 @@ from nlens_video.render.base.drawer import (
     closed_bodies,
 )
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
+from nlens_video.render.opengl.depth_map_texture import DepthMapTexture
 from nlens_video.render.opengl.gpu_objects import (
     BehindTarget,
     FloatTarget,
@@ -38,6 +39,7 @@ _SHADERS = Path(__file__).parent / "shaders"
 _FRAME, _MATERIAL = 0, 1
 _LIMIT_UNIT = len(SLOTS)
 _SURROUND_UNIT = _LIMIT_UNIT + 1
+_DEPTH_UNIT = _SURROUND_UNIT + 1
 
 
 class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
@@ -50,6 +52,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._target = FloatTarget()
         self._behind = BehindTarget()
         self._surround = SurroundTexture()
+        self._depth_maps = DepthMapTexture()
         self._defines: dict[str, int] = {}
         self._one_sided: frozenset[GpuPrimitive] | None = None  # computed on first use
         self._empty = int(GL.glGenVertexArrays(1))
@@ -132,6 +135,8 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
         if view.lighting.surround is not None:
             self._surround.bind(view.lighting.surround, _SURROUND_UNIT)
+        if view.lighting.depth is not None:
+            self._depth_maps.bind(view.lighting.depth.nearness, _DEPTH_UNIT)
 
     def _begin(self, target: FloatTarget, view: ViewSetup) -> None:
         GL.glDepthMask(GL.GL_TRUE)
@@ -237,7 +242,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
                 GL.glUniformBlockBinding(number, index, binding)
         samplers = [(f"{slot}_map", unit) for unit, slot in enumerate(SLOTS)]
         samplers += [("color_samples", 0), ("depth_samples", 1), ("limit", _LIMIT_UNIT)]
-        samplers.append(("surround_map", _SURROUND_UNIT))
+        samplers += [("surround_map", _SURROUND_UNIT), ("depth_maps", _DEPTH_UNIT)]
         for sampler, unit in samplers:
             location = GL.glGetUniformLocation(number, sampler)
             if location >= 0:
@@ -248,6 +253,7 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._target.delete()
         self._behind.delete()
         self._surround.delete()
+        self._depth_maps.delete()
         super().delete()
         self._ready.clear()
         if self._blocks:

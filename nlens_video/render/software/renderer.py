@@ -112,7 +112,9 @@ class SoftwareObjectRenderer(BoxRenderer):
 
         Threads that share the rows of one view would wait for each other after each pass.
         """
-        posed, lighting, origin = self._moment(time_s, plate_light)
+        if not cameras:
+            return
+        posed, lighting, origin = self._moment(time_s, plate_light, cameras[0])
         shown = self._drawer.moved(posed)
 
         def draw(at: int) -> None:

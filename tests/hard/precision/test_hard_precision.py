@@ -65,6 +65,8 @@ from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.kernels.scatter.scatter_ref import gather_subaperture_ref, scatter_ref
 from nlens_video.kernels.scatter.subaperture_gather import gather_subaperture
 from nlens_video.native import kernels
+from nlens_video.render.base import light_depth, light_depth_ref
+from nlens_video.render.base.light_depth import LightDepth
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software.deferred import resolve_depth
@@ -99,6 +101,8 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "light on a surface": "render/software/deferred",
     "layers of a surface": "render/software/deferred",
     "filtered textures": "render/software/deferred",
+    "nearness to a lamp": "render/base/light_depth",
+    "share of a lamp that is seen": "render/base/light_depth",
     "a whole picture: colour": "render/software/deferred render/software/alpha",
     "a whole picture: depth": "render/software/deferred",
     "cast triangles": "effects/shadow/coverage",
@@ -329,9 +333,36 @@ def _shading() -> dict[str, tuple[float, float]]:
         )
         worst = max(worst, np.abs(texel - exact).max())
     made["filtered textures"] = (worst, 3e-6)
+    made["nearness to a lamp"], made["share of a lamp that is seen"] = _light_depth(rng)
     made["a whole picture: colour"] = (_picture(pane=True)[0], 2e-6)
     made["a whole picture: depth"] = (_picture(pane=False)[1], 2e-6)
     return made
+
+
+def _light_depth(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Triangles drawn in a lamp's map, and points looked up in it: errors [px], [1], and limits."""
+    side, count = 128, 60
+    places = np.empty((3 * count, 3), np.float32)
+    places[:, :2], places[:, 2] = rng.uniform(4.0, 124.0, (3 * count, 2)), rng.uniform(0, 60, 180)
+    faces = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    drawn = np.full((1, side, side), -3e38, np.float32)
+    kernels.draw_nearness(places, faces, light_depth.SOLID, 0, side, drawn[0])
+    exact = light_depth_ref.nearness(places, faces, side)
+    there = np.isfinite(exact) & (drawn[0] > -1e38)
+    depth = LightDepth(
+        lights=(0,), matrices=np.eye(4)[None], softness=(0.07,), nearness=drawn,
+        highest=np.full((1, side // light_depth.CELL, side // light_depth.CELL), drawn.max()),
+    )  # fmt: skip
+    points = np.column_stack([rng.uniform(8.0, 120.0, (400, 2)), rng.uniform(0.0, 60.0, 400)])
+    facets, toward = rng.normal(size=(400, 3)), np.array([0.0, 0.0, 1.0])
+    shares = np.empty(400, np.float32)
+    rows = (one.astype(np.float32) for one in (points, facets, np.tile(toward, (400, 1))))
+    kernels.visible_points(depth.maps(np.zeros(3)), 0, *rows, shares)
+    known = [
+        light_depth_ref.visible(depth, 0, *one, toward) for one in zip(points, facets, strict=True)
+    ]
+    away = np.sort(np.abs(drawn[0] - exact)[there])
+    return (float(away[-8]), 1e-3), (float(np.abs(shares - known).mean()), 1e-3)
 
 
 def _picture(*, pane: bool) -> tuple[float, float]:

@@ -6,8 +6,8 @@ centroid in vec3 surface_normal;
 centroid in vec4 uv;
 centroid in vec4 tint;
 in vec3 central_normal;
-#ifdef USE_ANISOTROPY
 in vec3 place;
+#ifdef USE_ANISOTROPY
 in vec4 chart;
 #endif
 
@@ -16,6 +16,9 @@ layout(std140, row_major) uniform FrameBlock {
     vec4 eye;
     vec4 ambient[9];
     vec4 lamps[LAMP_ROWS];
+#ifdef DEPTH_MAPS
+    vec4 views[8 * DEPTH_MAPS];  // `LightDepth.rows`
+#endif
 };
 
 layout(std140) uniform MaterialBlock {
@@ -46,6 +49,10 @@ uniform sampler2D transmission_map;
 uniform sampler2D thickness_map;
 #ifdef USE_SURROUND
 uniform sampler2D surround_map;  // light from around, filtered: `Surround.levels` one below another
+#endif
+
+#ifdef DEPTH_MAPS
+uniform sampler2D depth_maps;  // `LightDepth.nearness`, one map below another
 #endif
 
 #ifdef USE_LIMIT
@@ -355,6 +362,87 @@ vec3 passed(vec3 base, float metallic, float nv)
 }
 #endif
 
+#ifdef DEPTH_MAPS
+const int SEARCHED = 16;                                    // taps that look for what blocks
+const float SHARPEST = 1.0;                                // radius of the filter [px]
+const float BIAS = 1.0, SLOPE_BIAS = 0.5, STEEPEST = 64.0;  // [px], of the slope, [1]
+
+// Points of the unit disc, of equal areas (Vogel 1979).
+vec2 disc_point(int i, int count)
+{
+    float turn = float(i) * (PI * (3.0 - sqrt(5.0)));
+    return sqrt((float(i) + 0.5) / float(count)) * vec2(cos(turn), sin(turn));
+}
+
+float nearness_at(int number, ivec2 at)
+{
+    int side = textureSize(depth_maps, 0).x;
+    at = clamp(at, ivec2(0), ivec2(side - 1));
+    return texelFetch(depth_maps, ivec2(at.x, number * side + at.y), 0).r;
+}
+
+// Whether what a pixel of a map shows lies before a point `there` (column, row, nearness).
+float blocks(int number, ivec2 at, vec3 there, vec2 slope, float bias)
+{
+    float plane = there.z + dot(vec2(at) + 0.5 - there.xy, slope);
+    return nearness_at(number, at) > max(plane, there.z) + bias ? 1.0 : 0.0;
+}
+
+float filter_radius(vec4 traits, float before)
+{
+    return clamp(traits.x * before, SHARPEST, traits.w);
+}
+
+// The share of a lamp's light that reaches the point, by percentage-closer soft shadows: as in the
+// software rasteriser, `light_depth.cpp`. `facet`: normal of the triangle, facing the eye.
+float visible(int number, vec3 facet, vec3 n, vec3 l)
+{
+    if (number < 0 || dot(n, l) <= 0.0) return 1.0;
+    vec4 point = vec4(relative, 1.0);
+    vec4 traits = views[8 * number + 7];  // softness, lift, highest nearness, largest radius
+    float w = dot(views[8 * number + 3], point);
+    if (w <= 0.0) return 1.0;
+    vec3 there = vec3(dot(views[8 * number], point), dot(views[8 * number + 1], point),
+                      dot(views[8 * number + 2], point)) / w;
+    vec2 size = vec2(textureSize(depth_maps, 0).x);
+    if (any(lessThan(there.xy, vec2(0.0))) || any(greaterThanEqual(there.xy, size))) return 1.0;
+    vec2 slope = vec2(0.0);
+    float bias = traits.y;
+    if (dot(facet, l) > 0.0) {
+        vec4 plane = vec4(facet, -dot(facet, relative));
+        vec2 change = -vec2(dot(views[8 * number + 4], plane), dot(views[8 * number + 5], plane))
+                      / dot(views[8 * number + 6], plane);
+        float steepness = abs(change.x) + abs(change.y);
+        if (steepness < STEEPEST) {
+            slope = change;
+            bias = min(BIAS + SLOPE_BIAS * steepness, bias);
+        }
+    }
+    if (traits.z <= there.z + bias) return 1.0;
+    float radius = filter_radius(traits, traits.z - there.z), sum = 0.0, count = 0.0;
+    for (int i = 0; i < SEARCHED; ++i) {
+        ivec2 at = ivec2(floor(there.xy + radius * disc_point(i, SEARCHED)));
+        float blocked = blocks(number, at, there, slope, bias);
+        sum += blocked > 0.0 ? nearness_at(number, at) - there.z : 0.0;
+        count += blocked;
+    }
+    if (count == 0.0) return 1.0;
+    radius = filter_radius(traits, sum / count);
+    int taps = radius <= 2.0 ? 8 : radius <= 6.0 ? 16 : 32;
+    float share = 0.0;
+    for (int i = 0; i < taps; ++i) {
+        vec2 at = there.xy + radius * disc_point(i, taps) - 0.5, corner = floor(at), part = at - corner;
+        ivec2 first = ivec2(corner);
+        float above = mix(blocks(number, first, there, slope, bias),
+                          blocks(number, first + ivec2(1, 0), there, slope, bias), part.x);
+        float below = mix(blocks(number, first + ivec2(0, 1), there, slope, bias),
+                          blocks(number, first + ivec2(1, 1), there, slope, bias), part.x);
+        share += mix(above, below, part.y);
+    }
+    return 1.0 - share / float(taps);
+}
+#endif
+
 vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 {
     vec3 n = shading_normal();
@@ -394,10 +482,18 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     fuzz_roughness = clamp(fuzz_roughness, 0.07, 1.0);
     float fuzz_share = fibre_share(clamp(abs(dot(n, v)), 0.0, 1.0));
 #endif
+#ifdef DEPTH_MAPS
+    vec3 facet = cross(dFdx(place), dFdy(place));
+    facet = dot(facet, v) < 0.0 ? -facet : facet;
+#endif
     for (int i = 0; i < DIRECTIONAL_COUNT; ++i) {
         vec3 l = lamps[4 * i + 2].xyz;
-        sum += lamps[4 * i].rgb * reflected(n, v, l, base, metallic, a2);
-        light_layers(lamps[4 * i].rgb, n, v, l);
+        vec3 light = lamps[4 * i].rgb;
+#ifdef DEPTH_MAPS
+        light *= visible(int(lamps[4 * i + 3].z) - 1, facet, n, l);
+#endif
+        sum += light * reflected(n, v, l, base, metallic, a2);
+        light_layers(light, n, v, l);
     }
     for (int i = DIRECTIONAL_COUNT; i < LAMP_COUNT; ++i) {
         vec3 offset = lamps[4 * i + 1].xyz - relative;
@@ -409,6 +505,9 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
         vec4 cone = lamps[4 * i + 3];
         float spot = clamp(dot(lamps[4 * i + 2].xyz, l) * cone.x + cone.y, 0.0, 1.0);
         vec3 light = lamps[4 * i].rgb * (window * spot * spot / distance_squared);
+#ifdef DEPTH_MAPS
+        light *= visible(int(cone.z) - 1, facet, n, l);
+#endif
         sum += light * reflected(n, v, l, base, metallic, a2);
         light_layers(light, n, v, l);
     }

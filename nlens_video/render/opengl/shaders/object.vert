@@ -10,6 +10,9 @@ layout(std140, row_major) uniform FrameBlock {
     vec4 eye;
     vec4 ambient[9];
     vec4 lamps[LAMP_ROWS];
+#ifdef DEPTH_MAPS
+    vec4 views[8 * DEPTH_MAPS];
+#endif
 };
 
 // Centroid: at an edge the pixel's centre may lie outside the triangle.
@@ -19,8 +22,8 @@ centroid out vec4 uv;
 centroid out vec4 tint;
 // At the centre after all: differences of centroids are no derivatives.
 out vec3 central_normal;
-#ifdef USE_ANISOTROPY
 out vec3 place;
+#ifdef USE_ANISOTROPY
 out vec4 chart;
 #endif
 
@@ -31,8 +34,8 @@ void main()
     uv = texcoords;
     tint = vertex_color;
     central_normal = normal;
-#ifdef USE_ANISOTROPY
     place = relative;
+#ifdef USE_ANISOTROPY
     chart = uv;
 #endif
     gl_Position = clip_from_relative * vec4(relative, 1.0);

@@ -1,0 +1,262 @@
+"""Depth of the object as its lights see it: shadows of its parts on each other.
+
+Shadow maps (Williams 1978) with percentage-closer soft shadows (Fernando 2005): what lies before a
+point within the cone of the light's disc is looked up in a map of what the light sees, and blocks
+it in part. Each pixel of a map is compared with the plane of the point's triangle there, so that a
+surface does not shade itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from operator import is_
+
+import cv2
+import numpy as np
+
+from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.thread_pool import parallel_for, processors
+from nlens_video.native import kernels
+from nlens_video.render.base.opacity import Opacity, texturing
+from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf.meshes import Int32
+from nlens_video.scene.illumination import LUMINANCE, Lamp
+from nlens_video.scene.posed import PosedMesh, PosedScene
+
+MOST = 4
+"""Lights whose depth is drawn: the strongest ones."""
+SIDES = 128, 1024
+"""Least and greatest width and height of a map, a power of two [px]."""
+CELL: int = kernels.LIGHT_DEPTH_CELL
+"""Width and height of the cells whose highest nearness is known [px]."""
+_SOFTEST = 1 / 16  # largest radius of the filter; shadows that are softer still come out harder [1]
+_MARGIN = 2  # around the object [px]
+_LIFT = 0.02  # of points whose triangle faces away from the light [1]
+_NEAREST = 1.1  # to the object's middle, of lamps that have a map [its radius]
+_FAINT = 0.25  # of the strongest lamp's light, below which another has no map [1]
+_NOTHING = np.float32(-3.0e38)  # nearness where nothing is
+
+Cutout = tuple[Float32, Float32, tuple[int, int], float]
+"""What of a mesh is there: texture coordinates and factor of alpha (V, 3), the texture's alpha
+(H, W), how it is wrapped, and the cutoff."""
+SOLID: Cutout = np.zeros((0, 3), np.float32), np.ones((1, 1), np.float32), (0, 0), 0.0
+"""Of a mesh without a cutout."""
+DepthMaps = tuple[Float32, Float32, Float32]
+"""Nearness (K, side, side), its highest around each cell (K, side / CELL, side / CELL), and
+`LightDepth.rows`."""
+NO_MAPS: DepthMaps = (
+    np.zeros((0, 0, 0), np.float32), np.zeros((0, 0, 0), np.float32), np.zeros((0, 32), np.float32)
+)  # fmt: skip
+"""Of lights that nothing blocks."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LightDepth:
+    """Maps of the object from some of its lights.
+
+    Distances in a map are in its pixels, nearness too, so that a disc that looks 2 t wide from a
+    point is t times as wide in the map, each way, as what it is cut by is nearer than the point.
+
+    Attributes:
+        lights: numbers of the lights (K,).
+        matrices: world points to (column, row, nearness, 1) times a positive number (K, 4, 4).
+        softness: tangent of half the angle that each light's disc is wide (K,).
+        nearness: of the surfaces nearest to the light (K, side, side) [px].
+        highest: of `nearness` in the cells around each cell (K, side / CELL, side / CELL) [px].
+    """
+
+    lights: tuple[int, ...]
+    matrices: Float64
+    softness: tuple[float, ...]
+    nearness: Float32
+    highest: Float32
+
+    @classmethod
+    def of(cls, posed: PosedScene, lamps: Sequence[Lamp], side: int) -> LightDepth | None:
+        """Draw the maps of the strongest lamps that see the object from without.
+
+        Args:
+            posed: the object, at one moment.
+            lamps: what lights it.
+            side: width and height of the maps, one of `SIDES` or a power of two between [px].
+
+        Returns:
+            None where no lamp has a map, or nothing is drawn in it.
+        """
+        casters = [one for one in posed.drawn if _blocks(one)]
+        if not casters or not lamps:
+            return None
+        points = np.concatenate([mesh.positions for mesh in casters]).astype(np.float64)
+        bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+        if not np.isfinite(bounds).all() or not np.ptp(bounds, axis=0).any():
+            return None
+        lights = _strongest(lamps, bounds)
+        if not lights:
+            return None
+        matrices = np.stack([_matrix(lamps[number], bounds) for number in lights])
+        places = _fitted(matrices, points, side)
+        nearness = np.full((len(lights), side, side), _NOTHING)
+        _draw(nearness, places, casters)
+        return cls(
+            lights=tuple(lights), matrices=matrices, nearness=nearness, highest=_highest(nearness),
+            softness=tuple(math.tan(0.5 * lamps[number].diameter) for number in lights),
+        )  # fmt: skip
+
+    def rows(self, eye: Float64) -> Float32:
+        """Numbers of each view (K, 32), for places relative to the eye (3,).
+
+        Matrices (4, 4) of points and, of planes, (3, 4); softness, lift of points whose triangle
+        faces away [px], the highest nearness, and the largest radius of the filter [px].
+        """
+        found, side = np.zeros((len(self.lights), 32)), self.nearness.shape[1]
+        for row, matrix, softness, highest in zip(
+            found, self.matrices, self.softness, self.highest, strict=True
+        ):
+            own = matrix.copy()
+            own[:, 3] += matrix[:, :3] @ eye
+            row[:16], row[16:28] = own.ravel(), np.linalg.inv(own).T[:3].ravel()
+            row[28:32] = softness, _LIFT * side, highest.max(), _SOFTEST * side
+        return found.astype(np.float32)
+
+    def maps(self, eye: Float64) -> DepthMaps:
+        """What kernels look points up in that are given relative to the eye (3,)."""
+        return self.nearness, self.highest, self.rows(eye)
+
+
+class LightDepthCache:
+    """Depth of an object, drawn again only where it or its lights have moved.
+
+    The maps become finer as the camera comes near, but not coarser again.
+    """
+
+    def __init__(self) -> None:
+        self._meshes: tuple[PosedMesh, ...] = ()  # held, so that identity tells them apart
+        self._lamps: tuple[object, ...] = ()
+        self._side = 0
+        self._depth: LightDepth | None = None
+
+    def of(self, posed: PosedScene, camera: Camera, lamps: Sequence[Lamp]) -> LightDepth | None:
+        """As `LightDepth.of`, for pictures of that camera."""
+        side, lit = max(self._side, side_for(posed, camera)), tuple(map(_key, lamps))
+        same = len(self._meshes) == len(posed.meshes) and all(map(is_, self._meshes, posed.meshes))
+        if not same or side != self._side or lit != self._lamps:
+            self._meshes, self._lamps, self._side = posed.meshes, lit, side
+            self._depth = LightDepth.of(posed, lamps, side)
+        return self._depth
+
+
+def no_light_depth(lamps: Sequence[Lamp]) -> LightDepth | None:
+    """Of lamps that nothing blocks."""
+    return None
+
+
+def _key(lamp: Lamp) -> tuple[object, ...]:
+    posed = lamp.posed
+    return posed.light, posed.position.tobytes(), posed.direction.tobytes(), lamp.diameter
+
+
+def _blocks(mesh: PosedMesh) -> bool:
+    """Whether a mesh is opaque, at least in places; glass lets the light through."""
+    opacity = Opacity.of(mesh.geometry)
+    return opacity is None or opacity.cutoff >= 0.0
+
+
+def _strongest(lamps: Sequence[Lamp], bounds: Float64) -> list[int]:
+    """Numbers of the lamps that get a map, the strongest first."""
+    middle, radius = bounds.mean(axis=0), 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
+    strengths = []
+    for lamp in lamps:
+        light = lamp.posed.light
+        strength = light.intensity * float(np.array(light.color) @ LUMINANCE)
+        if light.kind != "directional":
+            distance = float(np.linalg.norm(lamp.posed.position - middle))
+            strength *= distance**-2 if distance > _NEAREST * radius else 0.0
+        strengths.append(strength)
+    least = _FAINT * max(strengths)
+    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])
+    return [number for number in order if 0.0 < strengths[number] >= least][:MOST]
+
+
+def _matrix(lamp: Lamp, bounds: Float64) -> Float64:
+    """World points to places in the lamp's map (4, 4), in scene units about the object's middle."""
+    posed, middle = lamp.posed, bounds.mean(axis=0)
+    far = posed.light.kind == "directional"
+    toward = -posed.direction if far else posed.position - middle
+    distance = float(np.linalg.norm(toward))
+    axis = toward / distance
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    axes = np.stack([first, np.cross(axis, first), axis])
+    matrix = np.eye(4)
+    if far:
+        matrix[:3, :3], matrix[:3, 3] = axes, -axes @ middle
+    else:  # nearness is the distance squared by the depth, so that planes stay planes
+        matrix[:3, :3] = axes * [[distance], [distance], [0.0]]
+        matrix[:2, 3] = -distance * axes[:2] @ posed.position
+        matrix[2, 3] = distance * distance
+        matrix[3] = np.append(-axis, axis @ posed.position)
+    return matrix
+
+
+def _fitted(matrices: Float64, points: Float64, side: int) -> Float32:
+    """Places (K, V, 3) of some points (V, 3); matrices are changed so that the maps hold them."""
+    found = np.empty((len(matrices), len(points), 3), np.float32)
+    for matrix, places in zip(matrices, found, strict=True):
+        seen = matrix[:, :3] @ points.T + matrix[:, 3:]  # coordinate by coordinate, which is quick
+        if matrix[3, :3].any():
+            seen /= seen[3]
+        low, high = seen[:2].min(axis=1), seen[:2].max(axis=1)
+        cell = float((high - low).max()) / (side - 2 * _MARGIN)
+        shift = np.append(0.5 * side - 0.5 * (low + high) / cell, 0.0)
+        matrix[:3] = matrix[:3] / cell + shift[:, None] * matrix[3]
+        places[:] = (seen[:3] / cell + shift[:, None]).T
+    return found
+
+
+def _draw(nearness: Float32, places: Float32, casters: Sequence[PosedMesh]) -> None:
+    """Draw opaque surfaces with vertices at places (K, V, 3) into maps (K, side, side)."""
+    count, side = nearness.shape[:2]
+    threads = processors()
+    starts = np.cumsum([0, *(len(mesh.positions) for mesh in casters)])
+    parts: list[tuple[slice, Int32, Cutout]] = []
+    for mesh, first, last in zip(casters, starts, starts[1:], strict=False):
+        opacity, cutout = Opacity.of(mesh.geometry), SOLID
+        if opacity is not None:
+            surface = np.ascontiguousarray(texturing(mesh.geometry), dtype=np.float32)
+            cutout = surface, opacity.alpha, opacity.wrap, opacity.cutoff
+        parts.append((slice(first, last), mesh.faces, cutout))
+
+    def draw_band(number: int) -> None:
+        one, band = divmod(number, threads)
+        first, last = side * band // threads, side * (band + 1) // threads
+        for own, faces, cutout in parts:
+            kernels.draw_nearness(places[one, own], faces, cutout, first, last, nearness[one])
+
+    parallel_for(draw_band, range(threads * count))
+
+
+def _highest(nearness: Float32) -> Float32:
+    """The highest nearness in and around each cell."""
+    side = nearness.shape[1]
+    reach = math.ceil((_SOFTEST * side + 2) / CELL)
+    around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    rows = np.maximum.reduceat(nearness, np.arange(0, side, CELL), axis=1)
+    cells = np.maximum.reduceat(rows, np.arange(0, side, CELL), axis=2)
+    return np.stack([np.asarray(cv2.dilate(one, around), np.float32) for one in cells])
+
+
+def side_for(posed: PosedScene, camera: Camera) -> int:
+    """Width and height of maps whose pixels are as small as those of the object's picture [px].
+
+    Args:
+        posed: the object.
+        camera: that takes it.
+    """
+    low, high = posed.bounds().astype(np.float64)
+    size = float(np.linalg.norm(high - low))
+    distance = float(np.linalg.norm(camera.world_from_camera[:3, 3] - 0.5 * (low + high)))
+    seen = max(camera.fx, camera.fy) * size / max(distance, 0.5 * size, np.finfo(np.float64).tiny)
+    least, most = SIDES
+    return 1 << math.ceil(math.log2(min(max(seen, least), most)))
