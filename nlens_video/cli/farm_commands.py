@@ -10,7 +10,7 @@ from nlens_video.cli.console import Console
 from nlens_video.cli.output_files import check_outputs
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.chunk import render_chunk
+from nlens_video.farm.chunk import check_plate, render_chunk
 from nlens_video.farm.job import PIECE_S, absolute, check_chunkable, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, FolderInUse, store_of
@@ -35,9 +35,10 @@ def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
     """`farm` of one shot; returns the exit code.
 
     Raises:
-        UsageError: Ray is not installed.
+        UsageError: Ray is not installed, or the plate is a stream.
         NlensError: as `run.render` and `merge`.
     """
+    check_plate(settings.source.spec)
     store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
     shot = Shot(settings=absolute(settings), store=store, chunk_s=args.chunk)
     (result,) = _run_on_ray([shot], args, console, clear=args.chunks is None)
@@ -99,6 +100,7 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     Raises:
         NlensError: as `job.run_job`.
     """
+    check_plate(settings.source.spec)
     folder = chunks_beside(Path(args.output))
     try:
         with console.progress_bar() as on_progress:

@@ -15,7 +15,7 @@ from nlens_video.cli.doctor import require_memory
 from nlens_video.cli.library_defaults import set_library_defaults
 from nlens_video.cli.loading import loading
 from nlens_video.cli.output_files import check_outputs, drop_protocol
-from nlens_video.core import signals
+from nlens_video.core import errors, signals
 from nlens_video.core.errors import MissingCameraError, NlensError, ReaderGone, UsageError
 from nlens_video.core.stdio import (
     drop_unwritten,
@@ -73,6 +73,9 @@ def _exit_code(argv: list[str]) -> int:
         if isinstance(error, FileNotFoundError) and _current_folder_is_gone():
             _say("the current folder was deleted; change to one that exists", error)
             return UsageError.exit_code
+        if isinstance(error, PermissionError) and error.filename is not None:
+            _say(f"{error.filename}: permission denied; give a file that this user may read", error)
+            return errors.InputError.exit_code
         if not signals.requested.is_set():
             raise
         return _interrupted(error)  # a library turned the interrupt into another exception

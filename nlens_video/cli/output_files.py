@@ -9,9 +9,11 @@ refused, and a shot file's own result that a part of its frames would replace.
 from __future__ import annotations
 
 import os
+import stat
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -22,7 +24,7 @@ from nlens_video.options.commands import JOBS
 from nlens_video.options.files import PAGE, Files, beside_scene, listed
 from nlens_video.options.option import Option
 from nlens_video.options.table import ROWS
-from nlens_video.video.named_files import NamedFiles, local_path
+from nlens_video.video.named_files import NamedFiles, is_file, is_folder, local_path
 
 GENERATOR = "nlens-video"
 """Content of the `meta` element `generator` in the pages that are written here."""
@@ -71,7 +73,7 @@ def uses(args: Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
                 continue
             if files.of is not None:
                 path = files.of(path)
-            single = role == "reads" and not path.is_dir()  # a chunk by itself, a folder of them
+            single = role == "reads" and not is_folder(path)  # a chunk by itself, a folder of them
             yield Use(
                 files.name or option.flags[0],
                 str(given),
@@ -123,14 +125,27 @@ def check_outputs(*commands: Namespace, overwrite: bool) -> None:
 def _refuse_collisions(commands: tuple[Namespace, ...]) -> None:
     taken = _Taken()
     for args in commands:
-        for read in (*uses(args, "reads"), *_named_inside(args)):
+        for read in (*uses(args, "reads"), *_named_inside(args), *_redirected(args, "reads")):
             taken.add(read)
     for args in commands:
-        for written in sorted(uses(args, "writes"), key=lambda use: use.folder):
+        writes = (*_redirected(args, "writes"), *uses(args, "writes"))
+        for written in sorted(writes, key=lambda use: use.folder):
+            _check_reachable(written)
             other = taken.find(written)
             if other is not None:
                 raise OutputError(_line(written, other))
             taken.add(written)
+
+
+def _check_reachable(written: Use) -> None:
+    path = written.files.path
+    try:
+        _ = next(path.iterdir(), None) if written.folder and is_folder(path) else path.lstat()
+    except PermissionError:
+        where = f"{written.name} {written.given}: a folder on the way may not be entered"
+        raise OutputError(f"{where}; choose another") from None
+    except OSError:
+        pass  # new, or told where it is written
 
 
 class _Taken:
@@ -166,6 +181,18 @@ def _line(written: Use, other: Use) -> str:
             "give another folder"
         )
     return f"{written.name} {written.given}: is {other.name} as well; give it another name"
+
+
+def _redirected(args: Namespace, role: Literal["reads", "writes"]) -> Iterator[Use]:
+    """The file that a standard stream is redirected to, where the plate or the result is one."""
+    attribute, stream, number = {
+        "reads": ("input", "standard input", 0), "writes": ("output", "standard output", 1)
+    }[role]  # fmt: skip
+    if getattr(args, attribute, None) != "-":
+        return
+    with suppress(OSError):  # closed
+        if stat.S_ISREG(os.fstat(number).st_mode):
+            yield Use(stream, "-", NamedFiles(Path(f"/dev/fd/{number}")))
 
 
 def _named_inside(args: Namespace) -> Iterator[Use]:
@@ -221,7 +248,7 @@ def _existing(use: Use) -> Iterator[tuple[str, str]]:
     """What would be replaced, and why it must not be unasked; empty where it may."""
     if use.derived or (use.folder and use.files.inside != PAGE):
         return  # all names in such a folder are this program's
-    files = [path for path in use.files.existing() if path.is_file() and path.stat().st_size]
+    files = [path for path in use.files.existing() if is_file(path) and path.stat().st_size]
     if not files:
         return
     name = str(files[0]) if len(files) == 1 else f"{use.given} ({len(files)} files)"

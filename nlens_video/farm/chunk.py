@@ -23,7 +23,7 @@ from nlens_video.run.foreground_pass import foreground_pass
 from nlens_video.run.render import OnProgress, RunResult, render
 from nlens_video.video.atomic_files import make_folder
 from nlens_video.video.chunk_queue import ChunkFeed, ChunkMark
-from nlens_video.video.input.open import can_be_read_again
+from nlens_video.video.input.open import can_be_read_again, check_file
 from nlens_video.video.named_files import ImageSequence
 
 _LENGTH = 16  # hexadecimal digits of a key: 64 bits
@@ -80,6 +80,22 @@ def render_chunk(settings: Settings, folder: Path, on_progress: OnProgress) -> C
     return Chunk(path=path, result=replace(result, output=str(path)))
 
 
+def check_plate(spec: str) -> None:
+    """Check that chunks can be made of a plate, before anything is made.
+
+    Raises:
+        UsageError: it is a stream.
+        InputError: there is no such file, or it is empty.
+    """
+    if spec != "-" and "://" not in spec and not ImageSequence.matches(spec):
+        check_file(spec)
+    if not can_be_read_again(spec):
+        raise UsageError(
+            f"{spec}: chunks are made of a file or a sequence, which can be read again; record the "
+            "stream first"
+        )
+
+
 def mark_of(settings: Settings) -> ChunkMark:
     """The chunk that the range of a run makes.
 
@@ -89,11 +105,7 @@ def mark_of(settings: Settings) -> ChunkMark:
     """
     if settings.hold_budget:
         raise UsageError("--hold-budget: what it writes depends on the machine; leave it out")
-    if not can_be_read_again(settings.source.spec):
-        raise UsageError(
-            f"{settings.source.spec}: chunks are made of a file or a sequence, which can be read "
-            "again; record the stream first"
-        )
+    check_plate(settings.source.spec)
     first, end = settings.source.frames
     return ChunkMark(key=job_key(settings), plate=plate_key(settings.source), first=first, end=end)
 

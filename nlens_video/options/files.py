@@ -12,7 +12,7 @@ from typing import Literal
 from urllib.parse import unquote
 
 from nlens_video.video.atomic_files import kept_name, stem_beside
-from nlens_video.video.named_files import local_path
+from nlens_video.video.named_files import is_file, local_path
 
 _URI = re.compile(rb'"uri"\s*:\s*("(?:[^"\\]|\\.)*")')
 _LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
@@ -121,5 +121,5 @@ def listed(plate: Path) -> Iterator[Path]:
     for line in lines:
         for name in {line.strip(), *re.split(r"[\s'\"<>]+", line), *re.findall(r"'([^']+)'", line)}:
             path = local_path(name) if name else None
-            if path is not None and len(name) < 255 and (plate.parent / path).is_file():
+            if path is not None and len(name) < 255 and is_file(plate.parent / path):
                 yield plate.parent / path

@@ -17,6 +17,7 @@ from nlens_video.options.commands import ANALYSE, COMMANDS, JOBS, MAKE, SHOT
 from nlens_video.options.readers import word
 from nlens_video.options.shot_file import is_shot_file, sets, words_of
 from nlens_video.options.table import OPTIONS, ROWS
+from nlens_video.video.named_files import exists
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -239,7 +240,7 @@ def _check_command(argv: list[str]) -> None:
     if (
         not re.fullmatch("[a-z][a-z-]*", word)
         or any(one.startswith("--input-f") for one in argv)
-        or Path(word).exists()
+        or exists(Path(word))
     ):
         return
     near = get_close_matches(word, COMMANDS, n=1)

@@ -16,7 +16,7 @@ from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import KnownLens, parse_lens
 from nlens_video.core.placement import Region
 from nlens_video.core.settings import NO_SUN, SunSettings, TrackFocus
-from nlens_video.video.named_files import input_name, output_name
+from nlens_video.video.named_files import exists, input_name, output_name
 
 _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""
@@ -82,7 +82,7 @@ def pattern(text: str) -> str:
     """
     folder, slash, name = word(text).rpartition("/")
     runs = _HASHES.findall(name)
-    if len(runs) != 1 or "%" in name or "://" in text or Path(text).exists():
+    if len(runs) != 1 or "%" in name or "://" in text or exists(Path(text)):
         return text
     return f"{folder}{slash}{name.replace(runs[0], f'%0{len(runs[0])}d')}"
 

@@ -16,7 +16,7 @@ from nlens_video.options.option import Option
 from nlens_video.options.shot_objects import LISTED, Tables, apart, file_of, is_listed
 from nlens_video.options.table import ROWS
 from nlens_video.options.toml_words import meant, read_toml, word_of
-from nlens_video.video.named_files import local_path
+from nlens_video.video.named_files import exists, local_path
 
 VERSION, LISTS = 1, 2
 """Version of files with one `[object]`, and of those with `[[object]]`."""
@@ -179,7 +179,7 @@ def files_by(tables: Tables, path: Path) -> dict[str, Path]:
     return found | {
         attribute: place
         for attribute, (row, place) in places.items()
-        if place is not None and (place.suffix or row.type is None or place.exists()
+        if place is not None and (place.suffix or row.type is None or exists(place)
                                   or row.files[0].role == "writes")
     }  # fmt: skip
 
@@ -239,7 +239,7 @@ def _from_here(row: Option, word: str, folder: Path, *, device: bool) -> str:
         return word
     here = folder / place
     other = (device and row.attribute == "input") or (row.type is not None and not place.suffix)
-    if row.files[0].role == "reads" and other and not here.exists():
+    if row.files[0].role == "reads" and other and not exists(here):
         return word  # a device, or a value of another kind: `plate` is an environment
     return str(here)
 

@@ -23,7 +23,7 @@ from nlens_video.options.shot_file import (
 from nlens_video.options.shot_objects import LISTED, Tables, is_listed
 from nlens_video.options.toml_words import is_number, parsed_toml, table_of, word_of
 from nlens_video.video.atomic_files import replacing
-from nlens_video.video.named_files import NamedFiles, local_path
+from nlens_video.video.named_files import NamedFiles, exists, local_path
 
 
 def save(path: Path, given: argparse.Namespace) -> None:
@@ -107,7 +107,7 @@ def save_tables(path: Path, tables: Tables) -> None:
 
     words_by(tables, path)
     document = tomlkit.document()
-    if path.exists():
+    if exists(path):
         read_tables(path)
         document = tomlkit.parse(path.read_text(encoding="utf-8"))
     document["version"] = LISTS if is_listed(tables) else VERSION

@@ -24,7 +24,7 @@ from nlens_video.video.chunk_file import ChunkWriter
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.interfaces import Sink
-from nlens_video.video.named_files import ImageSequence
+from nlens_video.video.named_files import ImageSequence, is_file
 from nlens_video.video.output.sink import check_output, open_sink
 
 _ESTIMATE = 0.95
@@ -163,7 +163,7 @@ def _check_files(objects: ObjectSettings) -> None:
         ("--holdout", objects.real.holdout),
         ("--env-map", objects.light.env),
     ):
-        if spec is not None and not ImageSequence.matches(str(spec)) and not Path(spec).is_file():
+        if spec is not None and not ImageSequence.matches(str(spec)) and not is_file(Path(spec)):
             raise InputError(f"{option} {spec}: no such file")
 
 

@@ -19,6 +19,24 @@ _FILE = "file:"
 _NUMBER = re.compile(r"%(?:0?(\d+))?d")
 
 
+def exists(path: Path) -> bool:
+    """Whether there is such a file; not as far as one can see in a folder one may not enter."""
+    try:
+        return path.exists()
+    except PermissionError:
+        return False
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is such a regular file, as `exists`."""
+    return exists(path) and path.is_file()
+
+
+def is_folder(path: Path) -> bool:
+    """Whether there is such a folder, as `exists`."""
+    return exists(path) and path.is_dir()
+
+
 def input_name(text: str) -> str:
     """A plate's name; `-` for FFmpeg's and the system's other names of standard input."""
     return "-" if text in _STANDARD_INPUT else text
@@ -44,7 +62,7 @@ def local_path(spec: str) -> Path | None:
     Args:
         spec: as the user gives it; may begin with FFmpeg's protocol `file:`.
     """
-    if spec.startswith(_FILE) and not Path(spec).exists():
+    if spec.startswith(_FILE) and not exists(Path(spec)):
         spec = spec.removeprefix(_FILE)
     return None if spec == "-" or "://" in spec else Path(spec)
 
@@ -82,7 +100,7 @@ class ImageSequence:
     def numbers(self) -> list[int]:
         """The numbers on disk, ascending; none where the folder is missing."""
         folder = self._path.parent
-        names = (path.name for path in folder.iterdir()) if folder.is_dir() else ()
+        names = (path.name for path in folder.iterdir()) if is_folder(folder) else ()
         return sorted(number for number in map(self._number_of, names) if number is not None)
 
     def first(self) -> int:
@@ -137,11 +155,11 @@ class NamedFiles:
     def existing(self) -> Iterator[Path]:
         """Those that exist."""
         if self.inside:
-            found = self.path.iterdir() if self.path.is_dir() else iter(())
+            found = self.path.iterdir() if is_folder(self.path) else iter(())
             yield from (one for one in found if self._is_inside(one.name))
         elif self._sequence is not None:
             yield from map(self._sequence.path, self._sequence.numbers())
-        elif self.path.exists():
+        elif exists(self.path):
             yield self.path
 
     def holds(self, path: Path) -> bool:
@@ -173,7 +191,7 @@ class NamedFiles:
     @property
     def _sequence(self) -> ImageSequence | None:
         name = str(self.path)
-        is_pattern = ImageSequence.matches(name) and not self.path.is_file()
+        is_pattern = ImageSequence.matches(name) and not is_file(self.path)
         return ImageSequence(name) if is_pattern else None
 
     def _is_inside(self, name: str) -> bool:

@@ -1,7 +1,7 @@
 """No command writes over a file that it reads, whatever the two names look like."""
 
 import pytest
-from support.command import nlens, one_line
+from support.command import nlens, one_line, process
 
 from nlens_video.cli.output_files import file_options
 from nlens_video.options.files import CHUNKS
@@ -254,3 +254,26 @@ def test_preset_and_aperture_names_are_not_taken_for_files(shot):
     (shot / "standard").write_bytes(b"of somebody")
     run = nlens("plate.png", "none.glb", "out.png", "--save-fit", "standard", "--plan")
     assert "as well" not in run.stderr
+
+
+@pytest.mark.parametrize("given", ["-", "/dev/stdin", "pipe:0", "/proc/self/fd/0"])
+def test_result_does_not_replace_the_file_on_standard_input(tmp_path, given):
+    plate = tmp_path / "in.mkv"
+    plate.write_bytes(b"a plate")
+    with plate.open("rb") as stdin:
+        run = process(given, tmp_path / "anim.glb", plate, "-y", stdin=stdin)
+        _, told = run.communicate(timeout=60)
+    assert run.returncode == 6 and b"is standard input as well" in told
+    assert plate.read_bytes() == b"a plate"
+
+
+@pytest.mark.parametrize("given", ["-", "/dev/stdout"])
+@pytest.mark.parametrize("mode", ["ab", "r+b"])
+def test_standard_output_does_not_go_into_the_plate(tmp_path, given, mode):
+    plate = tmp_path / "in.mkv"
+    plate.write_bytes(b"a plate")
+    with plate.open(mode) as stdout:
+        run = process(plate, tmp_path / "anim.glb", given, "-y", stdout=stdout)
+        _, told = run.communicate(timeout=60)
+    assert run.returncode == 6 and b"is the plate as well" in told
+    assert plate.read_bytes() == b"a plate"

@@ -4,7 +4,7 @@ import os
 
 import pytest
 from support import shots
-from support.command import one_line
+from support.command import nlens, one_line
 from support.rights import ordinary
 
 pytestmark = [pytest.mark.needs_gl, pytest.mark.needs_programs("setpriv")]
@@ -71,6 +71,32 @@ def test_unreadable_file_is_refused_in_one_line(shot, tmp_path):
     assert not list(tmp_path.rglob("o.png"))
 
 
+def test_folder_that_may_not_be_entered_is_told_in_one_line(shot, tmp_path):
+    shut = tmp_path / "shut"
+    shut.mkdir()
+    plate, glb, run = shot / "in.mp4", shot / "anim.glb", ["--fit", shot / "fit.json"]
+    reads = [
+        [shut / "in.mp4", glb, tmp_path / "o.mp4", *run],
+        [shut / "in_%04d.png", glb, tmp_path / "o.mp4", *run],
+        [plate, shut / "anim.glb", tmp_path / "o.mp4", *run],
+        [plate, glb, tmp_path / "o.mp4", *run, "--holdout", shut / "matte.png"],
+        [plate, glb, tmp_path / "o.mp4", *run, "--camera-from", shut / "camera.json"],
+        ["fit", shut / "in.mp4", glb, tmp_path / "f.json"],
+        ["solve", shut / "in.mp4", tmp_path / "c.json"],
+        ["check", shut / "in.mp4", "--plate", plate],
+        ["farm", shut / "in.mp4", glb, tmp_path / "o.mp4"],
+    ]
+    writes = commands(shot, shut, tmp_path)
+    shut.chmod(0o000)
+    told = ordinary(*reads, *writes.values())
+    shut.chmod(0o755)
+    for one in told[: len(reads)]:
+        assert one_line(one, 4 if "anim.glb" in one.stderr else 3)
+    for command, one in zip(writes, told[len(reads) :], strict=True):
+        assert one_line(one, 6), command
+    assert not list(shut.iterdir()) and not list(tmp_path.glob("o.*"))
+
+
 def test_files_in_a_read_only_folder_can_be_used(shot, tmp_path):
     folder = tmp_path / "footage"
     folder.mkdir()
@@ -97,3 +123,11 @@ def test_file_of_another_user_is_kept_unless_overwriting_is_requested(shot, tmp_
     assert "is write-protected; give -y" in one_line(refused, 6)
     assert done.returncode == 0, done.stderr
     assert out.read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.parametrize("command", [["farm"], ["--resume"]])
+def test_chunks_of_standard_input_are_refused_before_a_folder_is_made(shot, tmp_path, command):
+    words = ["-", shot / "anim.glb", tmp_path / "o.mp4", "--fit", shot / "fit.json"]
+    run = nlens(*command, *words) if command == ["farm"] else nlens(*words, *command)
+    assert "chunks are made of a file or a sequence" in one_line(run, 2)
+    assert not list(tmp_path.iterdir())

@@ -17,7 +17,7 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, too_large
 from nlens_video.video.info import Kind
 from nlens_video.video.input.lost_connections import explain_lost, why_lost
-from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence
+from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence, exists, is_file
 
 _TIMELESS = (
     "rawvideo", "h264", "hevc", "vvc", "obu", "m4v", "mjpeg", "mpegvideo", "vc1", "dnxhd",
@@ -55,7 +55,7 @@ def can_be_read_again(spec: str) -> bool:
     """Whether a source is a file or a sequence of files, not a pipe, a device or an address."""
     if spec == "-" or "://" in spec or spec.startswith("/dev/"):
         return False
-    return Path(spec).is_file() or ImageSequence.matches(spec)
+    return is_file(Path(spec)) or ImageSequence.matches(spec)
 
 
 def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputContainer, Kind]:
@@ -76,16 +76,16 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
             format_ = format_ or "v4l2"
     elif format_ and format_ != "image2" and _is_device(format_):
         kind = "stream"
-    elif Path(spec).is_file():
+    elif is_file(Path(spec)):
         # an existing file: no pattern although it has a %d, no protocol although it has a colon
-        _check_file(spec)
+        check_file(spec)
         file = f"file:{spec}"
     elif ImageSequence.matches(spec):
         first = ImageSequence(spec).span().start
         format_, kind = "image2", "sequence"
         options |= {"start_number": str(first), "framerate": hints.rate or DEFAULT_RATE}
     else:
-        _check_file(spec)
+        check_file(spec)
         kind = "stream" if Path(spec).is_fifo() else kind
     options |= DECODER  # for what probing decodes
     began = time.monotonic()
@@ -187,9 +187,14 @@ def _devices() -> list[str]:
     ]
 
 
-def _check_file(spec: str) -> None:
+def check_file(spec: str) -> None:
+    """Check that a plate is a file or a named pipe, and is not empty.
+
+    Raises:
+        InputError: it is none.
+    """
     path = Path(spec)
-    if not path.exists():
+    if not exists(path):
         raise InputError(f"{spec}: no such file; give a video, a picture or a %04d sequence")
     if not path.is_file() and not path.is_fifo():
         raise InputError(f"{spec}: is no file; give a video, a picture or a %04d sequence")
