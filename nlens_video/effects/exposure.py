@@ -1,6 +1,7 @@
 """Exposure drift: exposure and white balance of the plate over the shot, applied to the object.
 
-The object is lit for the first frame. Each later frame is compared with an earlier one at a small
+The object is lit for the first frame that tells the light: not for a black or a white one, with
+which recordings and fades begin. Each later frame is compared with an earlier one at a small
 size: the median ratio of their light is the change of the exposure, whatever moves in less than
 half of the picture. Where the camera moves, the pictures are registered first. Where they cannot be
 compared (a cut, a whip pan), the last known change holds.
@@ -22,12 +23,13 @@ DARKEST, BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from w
 _SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is usable
 _LEAST_SHARE = 0.25  # of the picture that both must show
+_STEADY = 0.02  # change of the light from frame to frame up to which it rests [1]
 _MID_GREY, _GAMMA = 118.0, 2.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exposure:
-    """Light of a frame relative to the first one.
+    """Light of a frame relative to the first one that tells it.
 
     Attributes:
         gains: of red, green and blue [1].
@@ -47,17 +49,48 @@ class _Keyframe:
 
     Attributes:
         stops: logarithmic light (h, w, 3), NaN where it is too dark or too bright.
-        change: since the first frame (3,) [stops].
+        change: since the first frame that tells the light (3,) [stops].
     """
 
     stops: Float32
     change: Float64
 
 
+class Beginning:
+    """Finds the first frame of a shot that tells its light.
+
+    That is the first one, unless it is black or white: then the first that is neither and at which
+    the light has come to rest, so that a fade is over.
+
+    Attributes:
+        steady: whether the last frame is as bright as the one before it; not on the first frame.
+    """
+
+    def __init__(self) -> None:
+        self._level: float | None = None
+        self.steady = False
+
+    def ends(self, picture: Picture) -> bool:
+        """Whether the next frame of the shot tells its light."""
+        light = picture.downsample(*_SIZE)
+        stops = np.empty_like(light)
+        take_stops(light, stops)
+        return self.ends_with(light, stops)
+
+    def ends_with(self, light: Float32, stops: Float32) -> bool:
+        """`ends`, for the small picture (h, w, 3) and its logarithm as of `take_stops`."""
+        first, level = self._level is None, float(light.mean())
+        before, self._level = self._level or 0.0, level
+        self.steady = not first and abs(level - before) <= _STEADY * before
+        known = np.isfinite(stops).all(axis=2).mean()
+        return bool(known >= _LEAST_SHARE) and (first or self.steady)
+
+
 class MeasureExposure:
     """Measures each frame of a shot against those before it; frames come in order."""
 
     def __init__(self) -> None:
+        self._beginning, self._began = Beginning(), False
         self._anchor: _Keyframe | None = None
         self._last: _Keyframe | None = None
 
@@ -66,7 +99,8 @@ class MeasureExposure:
         light = picture.downsample(*_SIZE)
         stops = np.empty_like(light)
         take_stops(light, stops)
-        if self._anchor is None or self._last is None:
+        self._began = self._began or self._beginning.ends_with(light, stops)
+        if self._anchor is None or self._last is None or not self._began:
             seen = _Keyframe(stops, np.zeros(3))
             self._anchor = seen
         else:

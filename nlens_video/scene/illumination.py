@@ -146,6 +146,7 @@ class Illumination:
         shadow_left: share of the ground's light (3,) that the strongest lamp's shadow leaves, as
             the plate's own shadows show it; None where they do not [1].
         on_ground: the light that casts shadows on the ground, where it is another.
+        provisional: whether it is of a black or white picture, before one that tells it.
     """
 
     lamps: tuple[Lamp, ...]
@@ -155,6 +156,7 @@ class Illumination:
     surround: Surround | None = None
     shadow_left: Float64 | None = None
     on_ground: Illumination | None = None
+    provisional: bool = False
 
     @classmethod
     def plausible(cls) -> Illumination:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
+from nlens_video.core.known_lens import UNKNOWN_LENS
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.effects.exposure import Beginning
 from nlens_video.effects.planner import DEFOCUS, SELF_SHADOW
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
 from nlens_video.graph.base.values import FoundLens
@@ -26,11 +28,13 @@ if TYPE_CHECKING:
     from nlens_video.scene.plate_sun import PlateSun
     from nlens_video.video.info import SourceFrame
 
+_LEVEL_SIZE = 40, 24  # columns and rows that the level of a picture is read at [px]
+_BLACK = 1e-3  # light of a picture that shows nothing: 3 of 255 in sRGB [1]
 _SURE_SHARE = 0.5  # of the whole error: below it most is what the readings leave open
 
 
 class EstimateLight(Node):
-    """The light around the object from the first frame, beside the file's lights."""
+    """The light around the object from the first frame that tells it, beside the file's lights."""
 
     name, writes = "estimate-light", "plate_light"
     stateful = True
@@ -47,9 +51,14 @@ class EstimateLight(Node):
         self._light: Illumination | None = None
         self._without_sun: Illumination | None = None
         self._sun: PlateSun | None = None
+        self._beginning, self._settled = Beginning(), False
         self.description = "the first frame on a sphere around the object, continued beyond it"
 
     def __call__(self, picture: Picture) -> Illumination:
+        if not self._settled:
+            self._settled = self._beginning.ends(picture)
+            if self._settled or not self._beginning.steady:
+                self._light = self._without_sun = None
         if self._light is None:
             posed = self._scene.pose(0.0)
             seat = Seat.of(posed.bounds(), self._context.ground_height)
@@ -60,11 +69,12 @@ class EstimateLight(Node):
                 self._without_sun = light.around_without_sun(
                     plate, camera, seat, posed.lights, self._strongest()
                 )
-                if light.taken_from_plate and self._context.read_sun is not None:
+                if light.taken_from_plate and self._settled and self._context.read_sun is not None:
                     self._sun = self._context.read_sun(picture, camera, seat.ground_y)
-            self._light = light.with_sun(
+            found = light.with_sun(
                 self._without_sun, picture, camera, seat, posed.lights, self._sun
             )
+            self._light = replace(found, provisional=not self._settled)
         return self._light
 
     def _strongest(self) -> float:
@@ -90,6 +100,7 @@ class EstimateLight(Node):
         """The node for another sun, whose light from around is not estimated again."""
         other = EstimateLight(context)
         other._without_sun, other._sun = self._without_sun, self._sun
+        other._settled = True
         return other
 
 
@@ -117,11 +128,17 @@ class EstimateCoc(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._estimate = context.estimate_coc
+        self._needs_plate = context.known_lens == UNKNOWN_LENS and not context.fallback_constant
         self.description = "F: CoC network, onnxruntime on the CPU"
 
     def __call__(
         self, picture: Picture, bounds: ScreenBounds, following: tuple[Picture, ...] | None
     ) -> CocMap:
+        if self._needs_plate and float(picture.downsample(*_LEVEL_SIZE).max()) < _BLACK:
+            raise LensFitError(
+                "the picture is black, and tells no lens; begin at a later frame with --range N:, "
+                "or give --fit FILE.json"
+            )
         return self._estimate(picture, following or ())
 
 

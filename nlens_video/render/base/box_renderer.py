@@ -226,13 +226,14 @@ class BoxRenderer(ABC):
         if self._posed is None or self._posed.time_s != time_s:
             self._posed = self._scene.pose(time_s)
         posed = self._posed.about_origin()
-        if posed.lights and plate_light is not None and plate_light.exposure != 1.0:
+        said = plate_light if plate_light is not None and not plate_light.provisional else None
+        if posed.lights and said is not None and said.exposure != 1.0:
             self._say(
                 "the file's lights are far brighter than the plate's (in lux, as Blender exports "
-                f"them): exposed for the plate, {math.log2(plate_light.exposure):+.1f} stops"
+                f"them): exposed for the plate, {math.log2(said.exposure):+.1f} stops"
             )
-        if plate_light is not None and plate_light.shadow_left is not None:
-            share = 100.0 * float(plate_light.shadow_left @ LUMINANCE)
+        if said is not None and said.shadow_left is not None:
+            share = 100.0 * float(said.shadow_left @ LUMINANCE)
             self._say(f"the sun's shadow leaves {share:.0f} % of the light, as the plate's own do")
         light = self._light.on_object(posed.lights, plate_light)
         mirrored = any(mesh.geometry.material.mirrors(ROUGHEST) for mesh in posed.meshes)
