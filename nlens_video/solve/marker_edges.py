@@ -13,8 +13,9 @@ Luma = npt.NDArray[np.uint8] | Float32
 _ALONG, _ACROSS = 24, 17  # samples along an edge, and across it
 _ENDS = 0.12  # of an edge, left out at both ends
 _CELL = 1.0 / 8.0  # of a marker's side: its border is about so wide
-_REACH_PX = 1.2, 5.0  # of the samples to either side
-_ROUNDS = 4
+_REACH_PX = 1.2, 5.0  # of the samples to either side of a sharp edge
+_REACH_SPREADS = 3.0  # of a blurred one: the rise under a disc ends at 2 deviations
+_AT_REST_PX, _ROUNDS = 0.01, 20  # the corners move less, or the rounds at most
 _STRAYED = 0.5  # of the way to the next cell: then the corners that came in are better
 
 
@@ -25,26 +26,40 @@ def refine(luma: Luma, corners: Float64) -> Float64:
         luma: (H, W), 0 to 255.
         corners: clockwise (4, 2), pixel centres at +0.5, about a pixel off [px].
     """
-    start, quad = corners, corners
+    start, quad, spread = corners, corners, np.zeros(4)
     for _ in range(_ROUNDS):
-        found = _round(luma, quad)
+        found = _round(luma, quad, spread)
         if found is None:
             return start
-        quad = found
+        moved = float(np.linalg.norm(found[0] - quad, axis=1).max())
+        quad, spread = found
+        if moved < _AT_REST_PX:
+            break
     cell = _CELL * float(np.linalg.norm(start - np.roll(start, 1, axis=0), axis=1).max())
     near = np.linalg.norm(quad - start, axis=1).max() < max(2.0, _STRAYED * cell)
     return quad if near else start
 
 
-def _round(luma: Luma, quad: Float64) -> Float64 | None:
-    """One round: the edges near those of a quadrangle, and where they meet; None where none are."""
+def _round(luma: Luma, quad: Float64, spread: Float64) -> tuple[Float64, Float64] | None:
+    """One round: the edges near those of a quadrangle; None where none are.
+
+    Args:
+        luma: (H, W), 0 to 255.
+        quad: clockwise (4, 2) [px].
+        spread: deviation of the light's rise across each edge, of the last round (4,) [px].
+
+    Returns:
+        Where the edges meet (4, 2), and the spread that this round saw (4,) [px].
+    """
     ends = np.roll(quad, -1, axis=0)
     along = ends - quad
     along /= np.linalg.norm(along, axis=1)[:, None]
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1)  # of a clockwise quadrangle, y down
     behind = np.roll(quad, -2, axis=0) - quad, np.roll(quad, -3, axis=0) - quad
     deep = -0.5 * sum((one * outward).sum(axis=1) for one in behind)
-    reach = np.clip(0.7 * _CELL * deep, *_REACH_PX)
+    border = 0.7 * _CELL * deep
+    reach = np.clip(border, *_REACH_PX)
+    reach = np.clip(_REACH_SPREADS * spread, reach, np.maximum(border, reach))
     shares = np.linspace(_ENDS, 1.0 - _ENDS, _ALONG)[:, None]
     on_edge = quad[:, None] + shares * (ends - quad)[:, None]  # (4, along, 2)
     steps = np.linspace(-1.0, 1.0, _ACROSS) * reach[:, None]  # (4, across)
@@ -61,7 +76,20 @@ def _round(luma: Luma, quad: Float64) -> Float64 | None:
     corners = [np.cross(lines[number - 1], lines[number]) for number in range(4)]
     if any(abs(corner[2]) < 1e-9 for corner in corners):
         return None
-    return np.array([corner[:2] / corner[2] for corner in corners])
+    return np.array([corner[:2] / corner[2] for corner in corners]), _spread(light, middle)
+
+
+def _spread(light: Float32, places: Float64) -> Float64:
+    """Deviation of where the light rises across each edge (4,) [px]; noise averages out along it.
+
+    Args:
+        light: (4, along, across).
+        places: of the steps between the samples across (4, across - 1) [px].
+    """
+    rise = np.maximum(np.diff(light.mean(axis=1), axis=1), 0.0)
+    rise /= rise.sum(axis=1, keepdims=True) + 1e-6
+    mean = (rise * places).sum(axis=1, keepdims=True)
+    return np.asarray(np.sqrt((rise * (places - mean) ** 2).sum(axis=1)))
 
 
 def _line(points: Float64, weights: Float64) -> Float64:

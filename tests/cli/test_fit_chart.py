@@ -13,6 +13,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.edge_blur import edge_blurs
+from nlens_video.solve.marker_edges import refine
 
 WIDTH, HEIGHT = marker_plates.WIDTH, marker_plates.HEIGHT
 SIDE_M = 0.4
@@ -30,9 +31,28 @@ def chart(slope, intercept, places):
     light[..., 3] = 1.0
     camera = Camera.from_yfov(shots.camera_pose(), shots.YFOV, WIDTH, HEIGHT)
     coc = slope * np.maximum(camera.plane_disparity(0.0), 0.0) + intercept
-    blurred = scatter(light, coc.astype(np.float32))[..., :3]
-    coded = np.where(blurred < 0.0031308, 12.92 * blurred, 1.055 * blurred ** (1 / 2.4) - 0.055)
-    return np.clip(np.round(255 * coded), 0, 255).astype(np.uint8)
+    return coded(scatter(light, coc.astype(np.float32))[..., :3])
+
+
+def coded(light):
+    """Scene-linear light as uint8 sRGB."""
+    codes = np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    return np.clip(np.round(255 * codes), 0, 255).astype(np.uint8)
+
+
+def facing_chart(slope, intercept, places):
+    """Markers that face the camera: cells [px] and middles (x, y); uint8 sRGB (H, W, 3)."""
+    light = np.full((2 * HEIGHT, 2 * WIDTH, 4), (0.8, 0.8, 0.8, 1.0), np.float32)
+    coc = np.zeros(light.shape[:2], np.float32)
+    names = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_50)
+    for number, (cell, x, y) in enumerate(places):
+        paper = np.pad(cv2.aruco.generateImageMarker(names, number, 7), 1, constant_values=255)
+        drawn = np.kron(0.04 + 0.76 * (paper / 255.0), np.ones((cell, cell)))
+        corner = y - len(drawn) // 2, x - len(drawn) // 2
+        box = tuple(slice(start, start + len(drawn)) for start in corner)
+        light[box][..., :3] = drawn[..., None]
+        coc[box] = slope * 7 * cell / (2 * FOCAL_PX * SIDE_M) + intercept
+    return coded(scatter(light, coc)[..., :3])
 
 
 def fitted(tmp_path, rgb, *options):
@@ -52,6 +72,22 @@ def test_lens_is_measured_on_markers_at_several_distances(tmp_path, slope, inter
     off = np.abs(fit.coc_px(disparity)) - np.abs(slope * disparity + intercept)
     assert np.abs(off).max() < 0.3, (fit.describe(), off)
     assert "parts of markers' edges" in json.loads((tmp_path / "fit.json").read_text())["method"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("slope", "intercept"), [(75.0, -25.0), (45.0, -30.0), (72.0, -12.0)])
+def test_error_that_is_stated_holds_where_edges_are_wider_than_those_of_a_sharp_marker(
+    tmp_path, slope, intercept
+):
+    places = [
+        (64, 290, 290), (48, 850, 260), (40, 1310, 240), (28, 1690, 220), (24, 1350, 720),
+        (34, 850, 740),
+    ]  # fmt: skip
+    code, fit = fitted(tmp_path, facing_chart(slope, intercept, places), "--chart", f"{SIDE_M}m")
+    assert code == 0
+    assert abs(abs(fit.slope) - slope) < 2.5 * fit.slope_stderr, fit.describe()
+    assert abs(abs(fit.intercept) + intercept) < 2.5 * fit.intercept_stderr, fit.describe()
+    assert fit.slope_stderr < 0.03 * slope
 
 
 @pytest.mark.slow
@@ -83,17 +119,34 @@ def test_plate_without_markers_is_refused_in_one_line(tmp_path, capsys):
     assert "--chart: 0 parts of markers' edges can be measured" in line
 
 
+def blurred_square(half, diameter):
+    """A dark square on light, slanted, under a disc: light (H, W) and corners (4, 2) [px]."""
+    sine, cosine = half * math.sin(0.2), half * math.cos(0.2)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) @ [[cosine, sine], [-sine, cosine]]
+    corners += 2 * half
+    size = 4 * half, 4 * half
+    fine = np.full((8 * size[0], 8 * size[1]), 0.8, np.float32)
+    cv2.fillConvexPoly(fine, np.int32(np.round((8 * corners - 0.5) * 256)), 0.05, shift=8)
+    sharp = np.ones((*size, 4), np.float32)
+    sharp[..., :3] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)[..., None]
+    light = scatter(sharp, np.full(size, diameter, np.float32))[..., 0]
+    return np.ascontiguousarray(light), corners
+
+
+@pytest.mark.parametrize("diameter", [0.0, 3.0, 9.0, 16.0, 24.0])
+def test_corners_of_a_blurred_square_are_those_of_the_sharp_one(diameter):
+    light, corners = blurred_square(140, diameter)
+    inside = corners.mean(axis=0)
+    begun = inside + (corners - inside) * (1.0 - (0.7 + 0.3 * diameter) / 140.0)
+    found = refine(255.0 * light, begun)
+    assert (
+        np.linalg.norm(found - corners, axis=1).max() < 0.15
+    )  # OpenCV draws polygons half a sample larger
+
+
 @pytest.mark.parametrize("diameter", [0.0, 1.5, 4.0, 9.0])
 def test_edge_tells_the_diameter_of_its_disc(diameter):
-    sine, cosine = 80 * math.sin(0.2), 80 * math.cos(0.2)
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) @ [[cosine, sine], [-sine, cosine]]
-    corners += 160.0
-    fine = np.full((8 * 320, 8 * 320), 0.8, np.float32)
-    cv2.fillConvexPoly(fine, np.int32(np.round((8 * corners - 0.5) * 256)), 0.05, shift=8)
-    sharp = np.ones((320, 320, 4), np.float32)
-    sharp[..., :3] = cv2.resize(fine, (320, 320), interpolation=cv2.INTER_AREA)[..., None]
-    light = scatter(sharp, np.full((320, 320), diameter, np.float32))[..., 0]
-    blurs = edge_blurs(np.ascontiguousarray(light), corners)
+    blurs = edge_blurs(*blurred_square(80, diameter))
     assert len(blurs.coc_px) == 12
     least = 1.0 if diameter == 0.0 else 0.1  # a sharp edge is as wide as a pixel
     assert np.abs(blurs.coc_px - diameter).max() < least
