@@ -42,11 +42,11 @@ class BinnedErrors:
 
 
 def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> dict[str, float]:
-    """Errors of an unsigned CoC map; nan where a figure is not defined.
+    """Errors of an unsigned CoC map where the truth is known; nan where a figure is not defined.
 
     Args:
         coc: estimated diameter (H, W) [px].
-        truth: true diameter (H, W) [px].
+        truth: true diameter (H, W), nan where it is not known [px].
         sigma: expected error of the estimate (H, W) [px].
 
     Returns:
@@ -54,13 +54,15 @@ def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> d
         [px]; bias_px, the mean of estimate - truth [px]; relative_percent, the median of
         |error| / truth where the truth exceeds 2 px [%].
     """
-    error = np.asarray(coc, np.float64) - truth
+    known = np.isfinite(truth)
+    truth = truth[known]
+    error = np.asarray(coc, np.float64)[known] - truth
     blurred = truth > BLURRED_PX
     relative = np.abs(error[blurred]) / truth[blurred]
     return {
         "rmse_px": _rms(error),
         "confident_rmse_px": (
-            math.nan if sigma is None else _rms(error[sigma <= np.median(sigma)])
+            math.nan if sigma is None else _rms(error[sigma[known] <= np.median(sigma[known])])
         ),
         "bias_px": float(error.mean()),
         "relative_percent": 100 * float(np.median(relative)) if relative.size else math.nan,
@@ -68,7 +70,8 @@ def coc_figures(coc: Float32, truth: Float32, sigma: Float32 | None = None) -> d
 
 
 def rms_within(coc: Float32, truth: Float32, mask: Bool) -> float:
-    """RMSE of a CoC map against the truth (H, W) over a mask, nan where that is empty [px]."""
+    """RMSE of a CoC map (H, W) where a mask is set and the truth is no nan; nan for none [px]."""
+    mask = mask & np.isfinite(truth)
     return _rms(np.asarray(coc, np.float64)[mask] - truth[mask]) if mask.any() else math.nan
 
 

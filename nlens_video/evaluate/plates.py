@@ -33,7 +33,7 @@ class Plate:
     Attributes:
         folder: of its files.
         rgb: the plate, display-coded sRGB in [0, 1] (H, W, 3).
-        coc_px: true signed CoC diameter (H, W) [px].
+        coc_px: true signed CoC diameter (H, W), nan where it is not known [px].
         sharp: the same view through a pinhole (H, W, 3), None where it was not rendered.
         camera: the virtual camera, which is the true one.
         scene: the object.
@@ -41,8 +41,8 @@ class Plate:
         ground_y: height of the plane on which it stands [scene unit].
         alpha: coverage of the sharp object (H, W) [code value].
         object_depth: camera-space depth of the sharp object (H, W) [scene unit].
-        object_coc_px: true signed CoC diameter of it (H, W) [px].
-        there: pixels at which its depth is known (H, W).
+        object_coc_px: true signed CoC diameter of it (H, W), 0 where it is not known [px].
+        there: pixels at which its depth and CoC are known (H, W).
     """
 
     folder: Path
@@ -65,12 +65,12 @@ class Plate:
 
     @property
     def solid(self) -> Bool:
-        """Pixels that the sharp object covers wholly and whose depth is known (H, W)."""
+        """Pixels that the sharp object covers wholly and whose depth and CoC are known (H, W)."""
         return self.there & (self.alpha > _SOLID)
 
     @property
     def true_coc_px(self) -> Float32:
-        """True CoC diameter without its sign (H, W) [px]."""
+        """True CoC diameter without its sign (H, W), nan where it is not known [px]."""
         return np.abs(self.coc_px)
 
     @property
@@ -92,9 +92,9 @@ def relative_disparity(coc_px: Float32, plate_coc_px: Float32) -> Float32:
 
     Args:
         coc_px: signed CoC of any shape, which is affine in disparity [px].
-        plate_coc_px: that of the whole plate [px].
+        plate_coc_px: that of the whole plate, nan where it is not known [px].
     """
-    low, high = float(plate_coc_px.min()), float(plate_coc_px.max())
+    low, high = float(np.nanmin(plate_coc_px)), float(np.nanmax(plate_coc_px))
     return np.asarray((coc_px - low) / max(high - low, 1e-6), dtype=np.float32)
 
 
@@ -148,26 +148,33 @@ def load_plate(folder: Path) -> Plate:
     """
     rgb = _picture(folder / "bg.png")
     height, width = shape = rgb.shape[:2]
+    coc_px = _array(folder / "bg_coc.npy", shape)
+    if np.isnan(coc_px).all():
+        raise InputError(f"{folder / 'bg_coc.npy'}: holds no number; expected the plate's CoC")
     depth = _array(folder / "object_depth.npz", shape, key="depth")
+    object_coc_px = _array(folder / MARK, shape)
     scene = Scene.load(folder / "object.glb")
     vertices, faces = scene.pose(0.0).triangles()
     triangles = vertices.astype(np.float64)[faces]
     plate = Plate(
         folder=folder,
         rgb=rgb,
-        coc_px=_array(folder / "bg_coc.npy", shape),
+        coc_px=coc_px,
         sharp=_sharp(folder, shape),
         camera=scene.camera(0.0, width, height),
         scene=scene,
         triangles=triangles,
         ground_y=_ground(folder / "params.json", float(triangles[:, :, 1].min())),
         alpha=read_codes(folder / "object_rgba.png", shape, rgba=True)[..., 3],
-        object_depth=depth,
-        object_coc_px=_array(folder / MARK, shape),
-        there=np.isfinite(depth) & (depth > 0) & (depth < _FARTHEST),
+        object_depth=np.nan_to_num(depth),
+        object_coc_px=np.nan_to_num(object_coc_px),
+        there=(depth > 0) & (depth < _FARTHEST) & np.isfinite(object_coc_px),
     )
     if not plate.solid.any():
-        raise InputError(f"{folder}: its object covers no pixel wholly; expected one in view")
+        raise InputError(
+            f"{folder}: its object covers no pixel wholly whose depth and CoC are known; expected "
+            "one in view"
+        )
     return plate
 
 
@@ -200,7 +207,7 @@ def _picture(path: Path, size: tuple[int, int] | None = None) -> Float32:
 
 
 def _array(path: Path, shape: tuple[int, int], key: str | None = None) -> Float32:
-    """A float map (H, W); what is not a number becomes 0."""
+    """A float map (H, W); infinity, as nan, is a value that is not known."""
     try:
         loaded = np.load(path, allow_pickle=False)
         values = np.asarray(loaded if key is None else loaded[key], dtype=np.float32)
@@ -208,7 +215,7 @@ def _array(path: Path, shape: tuple[int, int], key: str | None = None) -> Float3
         raise InputError(f"{path}: cannot be read as a numpy array ({error})") from error
     if values.shape != shape:
         raise InputError(f"{path}: shape {values.shape}, expected the picture's {shape}")
-    return np.nan_to_num(values)
+    return np.where(np.isfinite(values), values, np.float32(np.nan))
 
 
 def _sharp(folder: Path, shape: tuple[int, int]) -> Float32 | None:

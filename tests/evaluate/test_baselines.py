@@ -95,6 +95,9 @@ def test_best_factor_removes_a_scale():
     truth = np.float32([[1, 4], [9, 2]])
     assert best_factor(1.25 * truth, truth) == pytest.approx(0.8)
     assert best_factor(np.zeros_like(truth), truth) == 0
+    part = truth.copy()
+    part[0] = np.nan
+    assert best_factor(1.25 * truth, part) == pytest.approx(0.8)
 
 
 @given(st.floats(-5, 25))

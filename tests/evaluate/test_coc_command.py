@@ -124,6 +124,43 @@ def test_single_plate_folder_is_evaluated_and_printed_to_standard_output(folder)
     assert "# CoC of 1 plate" in run.stdout and "| shipped" in run.stdout and run.stderr == ""
 
 
+@pytest.mark.slow
+def test_pixels_whose_true_coc_is_unknown_are_left_out_of_every_figure(tmp_path):
+    for name, unknown in (("whole_a", None), ("nan_a", np.nan), ("inf_a", np.inf)):
+        path = write_plate(tmp_path / name)
+        coc, own = np.load(path / "bg_coc.npy"), np.load(path / "object_coc.npy")
+        if unknown is not None:
+            coc[:60], own[:, :150] = unknown, unknown
+            np.save(path / "bg_coc.npy", coc)
+            np.save(path / "object_coc.npy", own)
+    run = nlens("evaluate", "coc", tmp_path, "--json", "--out", tmp_path / "out")
+    assert run.returncode == 0 and run.stderr == "", run.stderr
+    figures = json.loads(run.stdout)
+    for table in ("methods", "ablations", "conditions"):
+        rows = {}
+        for row in figures[table]["plates"]:
+            kept = {key: value for key, value in row.items() if key not in ("time_ms", "plate")}
+            rows.setdefault(row["plate"], []).append(kept)
+        assert rows["nan_a"] == rows["inf_a"]
+        if table != "methods":
+            for whole, part in zip(rows["whole_a"], rows["nan_a"], strict=True):
+                assert part["object_rms_px"] == pytest.approx(whole["object_rms_px"], abs=0.1)
+    best = [row for row in figures["methods"]["plates"] if row["name"] == "best constant"]
+    known = np.abs(np.load(tmp_path / "nan_a" / "bg_coc.npy")[60:].astype(np.float32))
+    assert best[[row["plate"] for row in best].index("nan_a")]["rmse_px"] == pytest.approx(
+        known.std(), abs=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("bg_coc.npy", "holds no number"), ("object_coc.npy", "whose depth and CoC are known")],
+)
+def test_truth_without_a_number_is_refused_in_one_line(tmp_path, name, said):
+    np.save(damaged(tmp_path, name), np.full((180, 320), np.nan, np.float32))
+    assert said in one_line(nlens("evaluate", "coc", tmp_path), 3)
+
+
 def damaged(folder, name):
     """A folder with one plate of which one file will be harmed."""
     return write_plate(folder / "bad_one") / name

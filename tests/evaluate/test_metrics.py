@@ -19,6 +19,16 @@ def test_coc_errors_of_four_pixels_agree_with_a_hand_calculation():
     assert found["relative_percent"] == pytest.approx(25)
 
 
+@pytest.mark.parametrize("unknown", [math.nan, math.inf])
+def test_pixel_whose_truth_is_unknown_is_in_no_figure(unknown):
+    coc = np.append(COC, [[7, 100]], axis=0)
+    truth = np.append(TRUTH, [[unknown, unknown]], axis=0)
+    sigma = np.array([[1, 3], [2, 4], [0, 0]], np.float32)
+    assert coc_figures(coc, truth, sigma) == coc_figures(COC, TRUTH, sigma[:2])
+    everywhere = np.ones_like(truth, bool)
+    assert rms_within(coc, truth, everywhere) == rms_within(COC, TRUTH, everywhere[:2])
+
+
 def test_method_without_uncertainty_has_no_confident_half():
     assert math.isnan(coc_figures(COC, TRUTH)["confident_rmse_px"])
 

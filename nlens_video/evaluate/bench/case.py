@@ -133,7 +133,7 @@ def _true_fit(known: Plate) -> LensFit:
 def _true_ground(known: Plate, fit: LensFit) -> tuple[tuple[float, float], ...]:
     """How much of the plate shows the ground plane, by the plate's true CoC."""
     plane = known.camera.plane_disparity(known.ground_y)
-    seen = plane > 0.0
+    seen = (plane > 0.0) & np.isfinite(known.true_coc_px)
     disparity, coc = plane[seen], known.true_coc_px[seen].astype(np.float64)
     expected = np.abs(fit.coc_px(disparity.astype(np.float32))).astype(np.float64)
     return ground_visibility(disparity, coc, np.full_like(coc, VISIBILITY_FLOOR_PX), expected)

@@ -175,12 +175,12 @@ class Quadratic:
 
     @classmethod
     def fit(cls, blur: SparseBlur, disparity: Float32) -> Quadratic:
-        """The polynomial of a plate of disparity 0 to 1 (H, W); 0 where no blur is known."""
-        if blur.known.sum() < _COEFFICIENTS:
+        """The polynomial of a plate of disparity 0 to 1, or nan (H, W); 0 for no known blur."""
+        known = blur.known & np.isfinite(disparity)
+        if known.sum() < _COEFFICIENTS:
             return cls(np.zeros(_COEFFICIENTS))
-        powers = _powers(disparity[blur.known])
-        sigma = blur.sigma_px[blur.known].astype(np.float64)
-        return cls(np.asarray(np.linalg.lstsq(powers, sigma, rcond=None)[0], np.float64))
+        weights = np.linalg.lstsq(_powers(disparity[known]), blur.sigma_px[known], rcond=None)[0]
+        return cls(np.asarray(weights, np.float64))
 
     def coc_px(self, disparity: Float32) -> Float32:
         """Unsigned CoC diameter [px] of any shape from disparity, 0 to 1 in the plate [1]."""
@@ -199,8 +199,8 @@ def _powers(disparity: Float32) -> Float64:
 
 
 def best_factor(coc: Float32, truth: Float32) -> float:
-    """The factor that brings a map nearest to the truth in the least-squares sense [1]."""
-    return float(np.sum(coc * truth) / max(float(np.sum(coc * coc)), 1e-12))
+    """The factor that brings a map nearest to the truth, where known, by least squares [1]."""
+    return float(np.nansum(coc * truth) / max(float(np.sum(coc[np.isfinite(truth)] ** 2)), 1e-12))
 
 
 def best_constant(truth: Float32) -> Float32:
@@ -208,7 +208,7 @@ def best_constant(truth: Float32) -> Float32:
 
     It is taken from the truth: an estimate has to beat it before it says anything about the plate.
     """
-    return np.full(truth.shape, truth.mean(), np.float32)
+    return np.full(truth.shape, np.nanmean(truth), np.float32)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

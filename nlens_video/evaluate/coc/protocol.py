@@ -110,11 +110,12 @@ class CocProtocol:
         self._measure_pictures(plate)
         self._measure_cameras(plate, coc)
         grid = np.s_[_SAMPLE_STEP // 2 :: _SAMPLE_STEP, _SAMPLE_STEP // 2 :: _SAMPLE_STEP]
-        truth = plate.true_coc_px[grid].ravel()
+        known = np.isfinite(plate.true_coc_px[grid])
+        truth = plate.true_coc_px[grid][known]
         self.errors.append(
             PlateErrors(
-                error_px=coc.coc_px[grid].ravel() - truth,
-                sigma_px=coc.sigma_px[grid].ravel(),
+                error_px=coc.coc_px[grid][known] - truth,
+                sigma_px=coc.sigma_px[grid][known],
                 true_coc_px=truth,
             )
         )
