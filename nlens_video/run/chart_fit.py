@@ -13,6 +13,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
+from nlens_video.graph.nodes.known_lens_fit import fit_with_known
+from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.open_run import open_run
 from nlens_video.scene.camera import Camera
 from nlens_video.solve.edge_blur import PARTS, edge_blurs
@@ -30,18 +32,23 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722])
 _SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
 
 
-def chart_fit(settings: Settings, side_m: float) -> LensFit:
+def chart_fit(settings: Settings, side_m: float) -> tuple[LensFit, tuple[str, ...]]:
     """Fit the lens on the edges of markers of known size, which may stand anywhere.
 
     Args:
         settings: the run; its camera tells the focal length in pixels.
         side_m: side of the markers [m].
 
+    Returns:
+        The lens, and notes for the user.
+
     Raises:
-        UsageError: the camera's scale is not known, so that a distance in metres tells nothing.
+        UsageError: the camera's scale is not known, so that a distance in metres tells nothing, or
+            an option that only the fit on the ground can honour.
         LensFitError: no marker, too few edges that are not blurred over, or none that tell how the
             blur changes with the distance.
     """
+    _refuse_options_of_the_ground(settings)
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
         view, objects = run_input.session.view, run_input.session.context.objects
         if view.unit_m is None:
@@ -79,9 +86,31 @@ def chart_fit(settings: Settings, side_m: float) -> LensFit:
     size = camera.width, camera.height
     where = f"{len(rows)} parts of markers' edges"
     edges = len(rows) / PARTS
-    fit = FitLens().of_samples(samples, size, where, first, known, independent=edges).fit
-    _check(fit, rows[:, 0], sum(len(part) == 0 for part in parts), len(parts))
-    return fit
+    found = fit_with_known(
+        lambda lens: FitLens().of_samples(samples, size, where, first, lens, independent=edges),
+        known, known, size, first,
+    )  # fmt: skip
+    _check(found.fit, rows[:, 0], sum(len(part) == 0 for part in parts), len(parts))
+    warning = (found.warning,) if found.warning else ()
+    return found.fit, (*notes_on_fields(run_input.info), *warning)
+
+
+def _refuse_options_of_the_ground(settings: Settings) -> None:
+    """Refuse options that have no meaning for a chart.
+
+    Raises:
+        UsageError: one of them is given.
+    """
+    given = {
+        "--fit-region": settings.fit_region is not None,
+        "--report": settings.report is not None,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise UsageError(
+                f"{option}: --chart measures the lens on markers, not on the ground; leave one of "
+                "them out"
+            )
 
 
 def _check(fit: LensFit, disparity: Float64, left_out: int, found: int) -> None:

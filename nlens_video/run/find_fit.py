@@ -53,9 +53,9 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
     if settings.chart_m is not None:
         from nlens_video.run.chart_fit import chart_fit  # here: scipy takes long to load
 
-        charted = chart_fit(settings, settings.chart_m)
+        charted, about = chart_fit(settings, settings.chart_m)
         save_fit(charted, settings.save_fit)
-        return FitOutcome(fit=charted, path=settings.save_fit, notes=())
+        return FitOutcome(fit=charted, path=settings.save_fit, notes=about)
     track = lens_track_pass(settings)
     if track is not None:
         first = settings.source.frames[0]

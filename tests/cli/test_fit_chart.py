@@ -105,6 +105,25 @@ def test_markers_at_one_distance_are_refused_unless_the_lens_is_known(tmp_path, 
 
 
 @pytest.mark.slow
+def test_lens_that_the_chart_contradicts_is_told_and_one_that_it_confirms_is_not(tmp_path, capsys):
+    places = [(-0.35, -1.75), (0.45, -2.0), (-0.5, -2.6), (0.4, -3.0), (-0.6, -3.8)]
+    rgb, options = chart(24.0, -12.0, places), ("--chart", f"{SIDE_M}m", "-y", "--lens")
+    assert fitted(tmp_path, rgb, *options, "focus 2m")[0] == 0
+    assert "note" not in capsys.readouterr().err
+    assert fitted(tmp_path, rgb, *options, "focus 4m")[0] == 0
+    (note,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("note")]
+    assert "--lens lies" in note and "standard errors from what the plate tells" in note
+
+
+@pytest.mark.parametrize("option", [("--fit-region", "0,0,1,1"), ("--report", "report")])
+def test_options_of_the_ground_are_refused_beside_a_chart(tmp_path, capsys, option):
+    code, _ = fitted(tmp_path, shots.plate(), "--chart", "0.2m", *option)
+    assert code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"nlens-video: {option[0]}: --chart measures the lens on markers")
+
+
+@pytest.mark.slow
 def test_sharp_markers_at_several_distances_are_a_lens_without_blur(tmp_path):
     places = [(-0.35, -1.75), (0.45, -2.0), (-0.5, -2.6), (0.4, -3.0), (-0.6, -3.8)]
     code, fit = fitted(tmp_path, chart(0.0, 0.0, places), "--chart", f"{SIDE_M}m")
