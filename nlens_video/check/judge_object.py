@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,7 @@ _SMALL_BY_NOISE = 0.08  # that one for each level of noise: blocks at the outlin
 _JUMP_PX, _JITTER_PX = 0.75, 0.4  # limits of a place on a single frame, and of its amplitude [px]
 _FINE = 1.0  # noise of encoding up to which these limits hold; they grow with it [level]
 _STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
-_DARK = 8.0  # added to light, so that noise in the dark is no change [level]
+_DARK = 8.0  # light below which noise would be a change [level]
 _COLOURS = ("red", "green", "blue")
 
 
@@ -68,10 +68,7 @@ def judge_object(track: Track, noise: float) -> list[Finding]:
     coarse = max(1.0, noise / _FINE)
     for name, series in _series(track, span).items():
         found += _judge_share(name, series, span, limit)
-    lights = zip(_COLOURS, _lights(track, span), strict=True)
-    found += _strongest(
-        [one for name, of in lights for one in _judge_share(f"{name} light", of, span, limit)]
-    )
+    found += _judge_light(_lights(track, span), span, limit)
     still = _judge_freezes(track, span)
     frozen = {index for one in still for index in range(one.frame or 0, (one.last or 0) + 1)}
     found += _strongest(
@@ -112,6 +109,27 @@ def _judge_share(name: str, series: _Series, span: Frames, limit: float) -> list
             words = f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
             found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
     return found
+
+
+def _judge_light(lights: list[_Series], span: Frames, limit: float) -> list[Finding]:
+    """Flicker, jumps and steps of red, green and blue; what all of them do is of the light."""
+    by_colour = [
+        _judge_share(f"{name} light", of, span, limit)
+        for name, of in zip(_COLOURS, lights, strict=True)
+    ]
+    strongest = _strongest([one for found in by_colour for one in found])
+    return [_without_colour(one) if _in_all(one, by_colour) else one for one in strongest]
+
+
+def _in_all(one: Finding, by_colour: list[list[Finding]]) -> bool:
+    return all(any(_overlap(one, other) for other in found) for found in by_colour)
+
+
+def _without_colour(one: Finding) -> Finding:
+    text = one.text
+    for name in _COLOURS:
+        text = text.replace(f"{name} light", "light")
+    return replace(one, text=text)
 
 
 def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
@@ -184,7 +202,7 @@ def _lights(track: Track, span: Frames) -> list[_Series]:
     """
     clear = _clear(track) & np.array(track.whole, bool)
     own, plate = (
-        np.log(_DARK + np.maximum(np.array(one).reshape(len(clear), -1, len(_COLOURS)), 0.0))
+        np.log(np.hypot(_DARK, np.array(one).reshape(len(clear), -1, len(_COLOURS))))
         for one in (track.light, track.plate_light)
     )
     kinds = np.concatenate([own, own - plate], axis=1)

@@ -25,6 +25,7 @@ NOISE_FACTOR = 6.0  # by which encoding changes textured blocks more than the me
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
 _LEAST_BLOCKS = 1.5  # of a sector that is large enough to measure the object's detail [block]
 _STRONG = 24.0  # difference of a block that the object covers wholly [level]
+_INNER = 6  # power that leaves little of an outline, where the plate is seen beside the object
 _CLEARER = 0.6  # misfit of a neighbouring frame of the plate against that of the paired one [1]
 _LEAST_GAIN = 0.3  # least difference of these misfits [level]
 _RESTS = 3.0  # median change of the plate's blocks from frame to frame, by a still camera [level]
@@ -117,7 +118,8 @@ class Measures:
             blocks = track.mask & ~shadow if (track.mask & ~shadow).any() else track.mask
             self._place(track, look, solid, blocks)
             for mask in (track.mask, blocks):
-                track.light.extend(_light(pair.result, _weight(mask, difference)))
+                inner = _weight(mask, difference) * _share_around(mask) ** _INNER
+                track.light.extend(_light(pair.result, inner))
             track.plate_light.extend(_light(pair.plate, np.ones_like(difference)))
             track.shadowed.append(is_shadow(pair, track.mask, tolerance))
 
@@ -166,6 +168,12 @@ def _weight(mask: Mask, difference: Float32) -> Float32:
     """How far the object covers each block (h, w) [1]."""
     covered = np.clip(difference / np.float32(_STRONG), 0.0, 1.0)
     return np.asarray(np.float32(mask) * covered, np.float32)
+
+
+def _share_around(mask: Mask) -> Float32:
+    """Share of the 3 x 3 blocks around each one (h, w) that are of the mask [1]."""
+    kind = cv2.BORDER_CONSTANT
+    return np.asarray(cv2.blur(mask.astype(np.float32), (3, 3), borderType=kind), np.float32)
 
 
 def _light(features: FrameFeatures, weight: Float32) -> list[float]:

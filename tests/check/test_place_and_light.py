@@ -129,11 +129,14 @@ def test_object_that_bounces_on_its_soft_shadow_keeps_place_and_light(tmp_path, 
     assert not [one for one in said if "off its way" in one or "light" in one]
 
 
-def test_single_frame_of_other_light_is_reported_once(checked):
-    verdict = checked(looks=lambda n: {"gains": (0.7, 0.7, 0.7) if n == 12 else (1, 1, 1)})
-    light = [one for one in verdict.findings if "light" in one.text]
-    assert [(one.kind, one.frame) for one in light] == [("pop", 12)]
-    assert np.log(0.7) - 0.05 < light[0].value < -0.2  # with the plate through its soft edge
+@pytest.mark.parametrize("gain", [0.7, 0.8])
+def test_single_frame_of_other_light_is_reported_once_by_its_size(checked, gain):
+    verdict = checked(looks=lambda n: {"gains": (gain,) * 3 if n == 12 else (1, 1, 1)})
+    (light,) = [one for one in verdict.findings if "light" in one.text]
+    assert (light.kind, light.frame) == ("pop", 12) and "12: light of the object" in light.text
+    size = 0.86 * np.log(gain)  # a gain of BT.709's code values, measured in sRGB's
+    assert light.value == pytest.approx(size, abs=0.02)
+    assert not [one for one in texts(verdict) if "stays so" in one]
 
 
 def test_lasting_tint_is_reported(checked):
