@@ -117,7 +117,7 @@ def steps(values: Float64, limit: float) -> list[tuple[int, float]]:
         usual = float(np.mean(np.sort(known)[len(known) // 4 : -(len(known) // 4)]))
         uneven = float(np.median(np.abs(known - usual)))
         size = float(change[at]) - usual
-        levels = np.mean(values[at : at + _WINDOW]) - np.mean(values[at - _WINDOW : at])
+        levels = np.median(values[at : at + _WINDOW]) - np.median(values[at - _WINDOW : at])
         lasting = (float(levels) - _WINDOW * usual) * np.sign(size) > 0.5 * abs(size)
         if abs(size) > limit + 3.0 * uneven and lasting:
             found.append((at, size))

@@ -84,6 +84,11 @@ def test_lasting_change_is_a_step_and_a_single_outlier_is_not():
     assert steps(SMOOTH + 0.2 * NOISE, 0.1) == []
 
 
+def test_end_of_a_single_outlier_among_uneven_values_is_no_step():
+    before, after = [0.805, 0.795, 0.772, 0.746, 0.757, 0.78, 0.776], [0.746, 0.771, 0.763, 0.758]
+    assert steps(np.array([*before, 0.917, *after, 0.775, 0.766]), 0.08) == []
+
+
 def test_freeze_is_found_between_two_movements():
     motion = np.array([np.nan, 6, 7, 6, 0.2, 0.3, 9, 6, 6])
     assert freezes(np.nan_to_num(motion), 0.5) == [(4, 5)]
