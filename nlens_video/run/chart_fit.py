@@ -161,6 +161,8 @@ def _of_marker(light: Float64, corners: Float64, camera: Camera, side: float) ->
     )
     if not solved:
         return None
+    # of a square that faces the camera, the closed form may be many degrees off
+    turn, shift = cv2.solvePnPRefineLM(points, corners, matrix, None, turn, shift)
     blurs = edge_blurs(np.ascontiguousarray(light, np.float32), corners)
     across, down = blurs.share[:, 0] - 0.5, 0.5 - blurs.share[:, 1]
     axes = cv2.Rodrigues(turn)[0]

@@ -17,6 +17,7 @@ from nlens_video.solve.marker_edges import refine
 
 WIDTH, HEIGHT = marker_plates.WIDTH, marker_plates.HEIGHT
 SIDE_M = 0.4
+AT_TWO_DISTANCES = [(64, 400, 400), (22, 1200, 500)]
 FOCAL_PX = 0.5 * HEIGHT / math.tan(0.5 * shots.YFOV)
 FOV = math.degrees(2.0 * math.atan(0.5 * WIDTH / FOCAL_PX))
 
@@ -102,6 +103,15 @@ def test_markers_at_one_distance_are_refused_unless_the_lens_is_known(tmp_path, 
     code, fit = fitted(tmp_path, rgb, *options, "--lens", f"50mm f/{f_number:.4f} focus 2m")
     assert code == 0
     assert (fit.slope, fit.intercept) == pytest.approx((slope, intercept), rel=0.1)
+
+
+@pytest.mark.slow
+def test_distances_of_markers_that_face_the_camera_hold(tmp_path):
+    rgb = facing_chart(80.0, -40.0, AT_TWO_DISTANCES)
+    code, fit = fitted(tmp_path, rgb, "--chart", f"{SIDE_M}m", "--lens", "focus 2m")
+    assert code == 0
+    assert fit.slope == pytest.approx(80.0, abs=3.0 * fit.slope_stderr)
+    assert fit.slope_stderr < 1.6
 
 
 @pytest.mark.slow
