@@ -27,7 +27,8 @@ _FRAMES = 8  # of a clip that are measured: more of them add little
 _SEARCHED = 240  # frames within which a marker is expected
 _FEWEST = 8  # parts of edges
 _MOST_ERROR_PX = 3.0  # of the CoC at infinity, where the markers show no slope
-_ONE_DISTANCE = 1.3  # largest by smallest disparity: below it there is about one [1]
+_ONE_DISTANCE = 1.1  # largest by smallest disparity: up to it there is about one [1]
+_DISTANCES = 3  # at two, one lens has its focus between them and another one beside them
 _LUMA = np.array([0.2126, 0.7152, 0.0722])
 _SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
 
@@ -90,8 +91,12 @@ def chart_fit(settings: Settings, side_m: float) -> tuple[LensFit, tuple[str, ..
         lambda lens: FitLens().of_samples(samples, size, where, first, lens, independent=edges),
         known, known, size, first,
     )  # fmt: skip
-    _check(found.fit, rows[:, 0], sum(len(part) == 0 for part in parts), len(parts))
-    warning = (found.warning,) if found.warning else ()
+    distances = _distances(rows[:, 0])
+    enough = distances >= _DISTANCES
+    if not (enough or known.in_numbers) or not _told(found.fit):
+        raise _not_told(distances, sum(len(part) == 0 for part in parts), len(parts))
+    # markers at fewer distances tell no lens by themselves that another one could contradict
+    warning = (found.warning,) if found.warning and (enough or found.regression is None) else ()
     return found.fit, (*notes_on_fields(run_input.info), *warning)
 
 
@@ -113,27 +118,35 @@ def _refuse_options_of_the_ground(settings: Settings) -> None:
             )
 
 
-def _check(fit: LensFit, disparity: Float64, left_out: int, found: int) -> None:
-    """Refuse a lens that holds at the distance of the markers alone.
+def _distances(disparity: Float64) -> int:
+    """How many distances the disparities (N,) of parts are of; like ones count as one."""
+    count, first = 0, 0.0
+    for value in np.sort(disparity):
+        if value > _ONE_DISTANCE * first:
+            count, first = count + 1, float(value)
+    return count
+
+
+def _told(fit: LensFit) -> bool:
+    """Whether a lens holds at other distances than those of the markers."""
+    return fit.depends_on_depth or fit.intercept_stderr <= _MOST_ERROR_PX
+
+
+def _not_told(distances: int, left_out: int, found: int) -> LensFitError:
+    """Why markers tell no lens.
 
     Args:
-        fit: the lens.
-        disparity: of the parts of edges it was fitted on (N,) [1 / scene unit].
+        distances: how many they stand at.
         left_out: markers of which no edge could be measured.
         found: markers, counted anew in each picture.
-
-    Raises:
-        LensFitError: neither the slope nor the CoC at infinity follows from them.
     """
-    if fit.depends_on_depth or fit.intercept_stderr <= _MOST_ERROR_PX:
-        return
     where = "do not tell how the blur changes with the distance"
-    if disparity.max() < _ONE_DISTANCE * disparity.min():
-        where = "lie at about one distance only"
+    if distances < _DISTANCES:
+        where = "lie at one or two distances only, whose blur more than one lens explains"
     others = f" ({left_out} of {found} are left out: blurred beyond their border)"
-    raise LensFitError(
+    return LensFitError(
         f"--chart: the markers that can be measured {where}{others if left_out else ''}; put "
-        "markers at two or more distances, larger in the frame, or give the lens by --lens"
+        "markers at three or more distances, larger in the frame, or give the lens by --lens"
     )
 
 

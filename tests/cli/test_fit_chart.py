@@ -98,11 +98,22 @@ def test_markers_at_one_distance_are_refused_unless_the_lens_is_known(tmp_path, 
     options = "--chart", f"{SIDE_M}m"
     assert fitted(tmp_path, rgb, *options)[0] == 5
     (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "lie at about one distance only" in line and "two or more distances" in line
+    assert "lie at one or two distances only" in line and "three or more distances" in line
     f_number = 50.0 / (1000.0 * slope / FOCAL_PX)
     code, fit = fitted(tmp_path, rgb, *options, "--lens", f"50mm f/{f_number:.4f} focus 2m")
     assert code == 0
     assert (fit.slope, fit.intercept) == pytest.approx((slope, intercept), rel=0.1)
+
+
+@pytest.mark.slow
+def test_markers_at_two_distances_are_refused(tmp_path, capsys):
+    assert (
+        fitted(tmp_path, facing_chart(80.0, -40.0, AT_TWO_DISTANCES), "--chart", f"{SIDE_M}m")[0]
+        == 5
+    )
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "one or two distances only, whose blur more than one lens explains" in line
+    assert "three or more distances" in line
 
 
 @pytest.mark.slow
