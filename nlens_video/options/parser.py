@@ -7,6 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TextIO, cast
 
@@ -63,6 +64,8 @@ _ABOUTS = {
     "doctor": "Check what works on this machine, and what to install.",
     "completion": 'Print the shell completion; use it by: eval "$(nlens-video completion bash)"',
 }
+_GENERAL = frozenset({"-v", "--verbose", "-q", "--quiet", "--json", "-y", "--overwrite"})
+"""Options without a value that may stand before a command."""
 _STUDY = {
     MAKE: "make one web page from pictures and their stimuli.csv",
     ANALYSE: "print failure rates and z-tests of saved answers",
@@ -181,6 +184,7 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         UsageError: unknown or malformed arguments.
     """
+    argv = _command_first(argv)
     named = bool(argv) and argv[0] in COMMANDS
     command = "render"
     if named:
@@ -205,6 +209,13 @@ def parse(argv: list[str]) -> argparse.Namespace:
     if getattr(namespace, "save_shot", None) is not None:
         namespace.given = _given(parser, argv)
     return namespace
+
+
+def _command_first(argv: list[str]) -> list[str]:
+    """A command line with the general options before its command, if any, at its end."""
+    before = list(takewhile(_GENERAL.__contains__, argv))
+    after = argv[len(before) :]
+    return [*after, *before] if after and after[0] in COMMANDS else argv
 
 
 def _files(parser: Parser, words: list[str]) -> list[str]:

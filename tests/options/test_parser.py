@@ -55,6 +55,20 @@ def test_former_option_names_are_accepted(former, now, attribute):
     assert parsed[0] == parsed[1] and parsed[0][attribute] not in (None, False, plain)
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("--json check o.mkv --plate p.mkv", "check o.mkv --plate p.mkv --json"),
+        ("-q --json doctor", "doctor -q --json"),
+        ("--json study analyse x.json", "study analyse x.json --json"),
+        ("-y fit p.mkv a.glb fit.json", "fit p.mkv a.glb fit.json -y"),
+        ("-q p.mkv a.glb o.mkv", "p.mkv a.glb o.mkv -q"),
+    ],
+)
+def test_general_options_may_stand_before_a_command(before, after):
+    assert vars(parser.parse(before.split())) == vars(parser.parse(after.split()))
+
+
 def test_option_with_two_names_can_be_abbreviated():
     assert parser.parse(["i.mp4", "a.glb", "o.mp4", "--foot", "near"]).footprint == "near"
 
