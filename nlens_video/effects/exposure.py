@@ -23,6 +23,7 @@ DARKEST, BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from w
 _SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is usable
 _LEAST_SHARE = 0.25  # of the picture that both must show
+_BLACK, _WHITE = 0.02, 0.9  # mean light of pictures that may show nothing [1]
 _STEADY = 0.02  # change of the light from frame to frame up to which it rests [1]
 _MID_GREY, _GAMMA = 118.0, 2.2
 
@@ -83,7 +84,8 @@ class Beginning:
         before, self._level = self._level or 0.0, level
         self.steady = not first and abs(level - before) <= _STEADY * before
         known = np.isfinite(stops).all(axis=2).mean()
-        return bool(known >= _LEAST_SHARE) and (first or self.steady)
+        tells = bool(known >= _LEAST_SHARE) or _BLACK < level < _WHITE
+        return tells and (first or self.steady)
 
 
 class MeasureExposure:

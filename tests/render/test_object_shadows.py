@@ -283,3 +283,12 @@ def test_depth_maps_are_the_same_at_every_level(tmp_path):
         return drawn, shares
 
     assert_same_bits(run)
+
+
+def test_depth_does_not_depend_on_what_was_drawn_before(tmp_path):
+    posed, lamps = slab_below_a_card(tmp_path).pose(0.0), [Lamp(sun(np.ones(3), slanted(0.5)))]
+    cache, near = light_depth.LightDepthCache(), replace(above(), fx=1e9, fy=1e9)
+    first = cache.of(posed, above(), lamps)
+    assert cache.of(posed, above(), lamps) is first
+    assert cache.of(posed, near, lamps).nearness.shape > first.nearness.shape
+    assert (cache.of(posed, above(), lamps).nearness == first.nearness).all()

@@ -128,7 +128,7 @@ class LightDepth:
 class LightDepthCache:
     """Depth of an object, drawn again only where it or its lights have moved.
 
-    The maps become finer as the camera comes near, but not coarser again.
+    It does not depend on what was drawn before, so that parts of a shot are as the whole.
     """
 
     def __init__(self) -> None:
@@ -139,7 +139,7 @@ class LightDepthCache:
 
     def of(self, posed: PosedScene, camera: Camera, lamps: Sequence[Lamp]) -> LightDepth | None:
         """As `LightDepth.of`, for pictures of that camera."""
-        side, lit = max(self._side, side_for(posed, camera)), tuple(map(_key, lamps))
+        side, lit = side_for(posed, camera), tuple(map(_key, lamps))
         same = len(self._meshes) == len(posed.meshes) and all(map(is_, self._meshes, posed.meshes))
         if not same or side != self._side or lit != self._lamps:
             self._meshes, self._lamps, self._side = posed.meshes, lit, side
