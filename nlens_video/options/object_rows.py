@@ -17,14 +17,14 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
     "the object": (
         Option("--camera", SHOT, "NAME", help="camera of the GLB (default: its first)",
                feeds="scene.camera", parameter=True),
-        Option("--camera-from", (*SHOT, "check", "place"), "CAMERA", read.path,
+        Option("--camera-from", (*SHOT, "check", "place"), "CAMERA", read.input_path,
                files=files.READ, parameter=True,
                help="file of the plate's camera: camera.json, glTF, USD, .chan, fSpy .json, COLMAP "
                "folder",
                feeds="scene.camera_from"),
         Option("--scene", PLACED, "NAME", help="scene of the GLB (default: its default scene)",
                feeds="scene.scene", parameter=True),
-        Option("--layers", SHOT, "P.exr", read.pattern,
+        Option("--layers", SHOT, "P.exr", read.input_pattern,
                "pre-rendered layers of RGBA and Z in place of the rendering: one file, or "
                "P.%%04d.exr",
                feeds="scene.layers", files=files.READ),
@@ -120,7 +120,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="light.shadow_strength", parameter=True, often=True),
     ),
     "occlusion and reflection": (
-        Option("--holdout", SHOT, "PATH", read.pattern,
+        Option("--holdout", SHOT, "PATH", read.input_pattern,
                "holdout matte (white: in front), or EXR with depth Z",
                feeds="real.holdout", parameter=True, often=True, files=files.READ),
         Option("--occlusion", SHOT, choices=("none", "moving", "auto"), default="moving",

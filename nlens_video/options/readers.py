@@ -16,7 +16,7 @@ from nlens_video.core.errors import UsageError
 from nlens_video.core.known_lens import KnownLens, parse_lens
 from nlens_video.core.placement import Region
 from nlens_video.core.settings import NO_SUN, SunSettings, TrackFocus
-from nlens_video.video.named_files import exists, input_name, output_name
+from nlens_video.video.named_files import exists, input_name, local_path, output_name
 
 _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""
@@ -107,9 +107,26 @@ def path(text: str) -> Path:
     return Path(word(text))
 
 
+def input_path(text: str) -> Path:
+    """A file or a folder that is read more than once: not a pipe or a device."""
+    return Path(_not_a_pipe(str(path(text))))
+
+
+def input_pattern(text: str) -> str:
+    """As `pattern`, of files that are read more than once: not a pipe or a device."""
+    return _not_a_pipe(pattern(text))
+
+
+def _not_a_pipe(name: str) -> str:
+    file = local_path(name)
+    if file is not None and exists(file) and not file.is_file() and not file.is_dir():
+        raise argparse.ArgumentTypeError(f"{name!r} is a pipe or a device; give a file")
+    return name
+
+
 def light_around(text: str) -> Path | None:
     """A map of the surroundings; None for `plate`, which estimates them."""
-    return None if text == "plate" else path(text)
+    return None if text == "plate" else input_path(text)
 
 
 def sun(text: str) -> SunSettings:

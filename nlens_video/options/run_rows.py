@@ -98,7 +98,7 @@ RUN_OPTIONS: dict[str, tuple[Option, ...]] = {
                feeds="run.late"),
         Option("--reconnect", RUN, "SEC", read.positive, default=0.0, feeds="source.reconnect_s",
                help="try for this many seconds to reopen a lost device or URL"),
-        Option("--fit", RUN, "FIT.json", read.path, "use this lens fit",
+        Option("--fit", RUN, "FIT.json", read.input_path, "use this lens fit",
                feeds="run.fit", parameter=True, often=True, files=files.READ),
         Option("--save-fit", RUN, "FIT.json", read.path, "save the lens fit",
                feeds="run.save_fit", files=files.WRITE),

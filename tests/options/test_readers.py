@@ -1,5 +1,7 @@
 """Readers of option values that have several spellings."""
 
+import os
+
 import pytest
 
 from nlens_video.core.errors import UsageError
@@ -42,3 +44,19 @@ def test_object_that_cannot_be_read_is_told_shortly(table, said):
         parse(["in.mp4", "a.glb", "o.mp4", "--object", table])
     assert said in str(caught.value)
     assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize("option", ["--fit", "--camera-from", "--holdout", "--env-map", "--layers"])
+@pytest.mark.parametrize("protocol", ["", "file:"])
+def test_pipe_for_a_file_that_is_read_more_than_once_is_refused(tmp_path, option, protocol):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(UsageError, match=rf"{option}\b.*pipe' is a pipe or a device; give a file"):
+        parse(["in.mp4", "a.glb", "o.mp4", option, f"{protocol}{pipe}"])
+
+
+def test_plate_and_result_may_be_pipes(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    args = parse([str(pipe), "a.glb", str(pipe)])
+    assert [args.input, args.output] == [str(pipe)] * 2
