@@ -22,6 +22,11 @@ _LARGEST = 1e9
 """Numbers beyond it are typing errors, and overflow somewhere."""
 _TURN_DEG, _UPRIGHT_DEG, _STRONGEST_SUN = 360.0, 90.0, 100.0
 _HASHES = re.compile("#{2,}")
+_VIDEOS = {
+    "", ".3gp", ".apng", ".asf", ".avi", ".flv", ".gif", ".m2ts", ".m4v", ".mj2", ".mkv", ".mov",
+    ".mp4", ".mpeg", ".mpg", ".mts", ".mxf", ".nut", ".ogv", ".ts", ".vob", ".webm", ".wmv", ".y4m",
+}  # fmt: skip
+"""Extensions of files that hold a whole video, none of its numbered pictures."""
 _LONGEST_NAME = 255  # of a file or folder on Linux and macOS [byte]
 
 
@@ -78,11 +83,14 @@ def word(text: str) -> str:
 def pattern(text: str) -> str:
     """A file, or numbered files: `p.%04d.png`, or `p.####.png` as Nuke, RV and Houdini have it.
 
-    A single `#` stands for one digit in one of them, for four in another, and is left as it is.
+    A single `#` stands for one digit in one of them, for four in another, and is left as it is, as
+    are those in the name of a video.
     """
     folder, slash, name = word(text).rpartition("/")
     runs = _HASHES.findall(name)
     if len(runs) != 1 or "%" in name or "://" in text or exists(Path(text)):
+        return text
+    if Path(name).suffix.lower() in _VIDEOS:
         return text
     return f"{folder}{slash}{name.replace(runs[0], f'%0{len(runs[0])}d')}"
 
