@@ -17,7 +17,7 @@ from nlens_video.farm.chunk import plate_key
 from nlens_video.farm.store import Store
 from nlens_video.run.frame_range import FrameRange
 from nlens_video.run.plate_source import opened
-from nlens_video.run.render import OnProgress, note_on_partial_file
+from nlens_video.run.render import OnProgress, note_on_what_is_left
 from nlens_video.video.chunk_file import ChunkFile, fill
 from nlens_video.video.chunk_queue import ChunkMark
 from nlens_video.video.info import SourceFrame
@@ -128,7 +128,7 @@ def _merged(
             output.spec, plate.info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
             keep_partial=output.keep_partial,
         )  # fmt: skip
-        with note_on_partial_file(sink), sink:
+        with note_on_what_is_left(sink, output.spec), sink:
             rendered = ((file, frame) for file in files for frame in file.frames())
             for item in FrameRange(plate, (0, None)).items():
                 signals.check()

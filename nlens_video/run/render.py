@@ -123,7 +123,10 @@ def render(
         scene, unseen = check_shot(settings, source.info) if chunks is None else (None, ())
         part = part_of(source.info, settings.source.frames)
         sink = open_result(output, part, settings.source, chunks)
-        stack.enter_context(note_on_partial_file(sink))
+        live = source.info.kind == "stream"
+        stack.enter_context(
+            note_on_what_is_left(sink, output.spec, lambda: live and written > 0 and not complete)
+        )
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
         known = passes(settings, look or stack.enter_context(begun_look(settings)))
@@ -184,8 +187,16 @@ def _close(items: Generator[object], chunks: ChunkFeed | None) -> None:
 
 
 @contextmanager
-def note_on_partial_file(sink: Sink) -> Iterator[None]:
-    """Add the name of a kept partial file, or that there is none, to the error of the run."""
+def note_on_what_is_left(
+    sink: Sink, output: str, lost: Callable[[], bool] = lambda: False
+) -> Iterator[None]:
+    """Add to the error of a run what it leaves of its result.
+
+    Args:
+        sink: the result.
+        output: its name.
+        lost: whether frames are lost that cannot be made again, those of a live source.
+    """
     try:
         yield
     except BaseException as error:
@@ -193,6 +204,11 @@ def note_on_partial_file(sink: Sink) -> Iterator[None]:
             error.add_note(f"the part written so far is {sink.kept}")
         elif sink.keeps_nothing:
             error.add_note("nothing that plays was written, so --keep-partial keeps nothing")
+        elif isinstance(error, KeyboardInterrupt) and sink.cut_off:
+            stream = "standard output" if output == "-" else output
+            error.add_note(f"the stream to {stream} ends here")
+        elif isinstance(error, KeyboardInterrupt) and lost():
+            error.add_note("no output written (--keep-partial keeps what was recorded)")
         raise
 
 

@@ -87,10 +87,12 @@ class Sink(ABC):
     Attributes:
         kept: the partial file of an aborted run, where one was requested.
         keeps_nothing: whether one was requested, and nothing that plays was written.
+        cut_off: whether an aborted run ended a stream before its end.
     """
 
     kept: Path | None = None
     keeps_nothing = False
+    cut_off = False
     _notes: tuple[str, ...] = ()
 
     @property

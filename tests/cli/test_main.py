@@ -356,6 +356,10 @@ def test_interrupt_after_the_result_is_complete_says_so(files, tmp_path, monkeyp
     assert out.exists()
 
 
+NOTHING = "nlens-video: interrupted, no output written"
+LOST = "nlens-video: interrupted; no output written (--keep-partial keeps what was recorded)"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT, signal.SIGINT, signal.SIGINT]]
@@ -363,7 +367,7 @@ def test_interrupt_after_the_result_is_complete_says_so(files, tmp_path, monkeyp
 def test_interrupt_prints_one_line_and_leaves_no_output(files, tmp_path, signals):
     run = endless(files, tmp_path / "out.mp4")
     message = stopped(run, tmp_path, *signals)
-    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
+    assert (run.returncode, message) == (130, LOST)
     assert not list(tmp_path.iterdir())
 
 
@@ -391,12 +395,14 @@ sys.exit(cli.main(["in.mp4"]))
         [sys.executable, "-m", "started"], capture_output=True, text=True, timeout=60, check=False,
         cwd=tmp_path,
     )  # fmt: skip
-    assert (run.returncode, run.stderr) == (130, "nlens-video: interrupted, no output written\n")
+    assert (run.returncode, run.stderr) == (130, f"{NOTHING}\n")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("frames", [3, 80], ids=["while opening", "while running"])
-def test_interrupt_ends_a_run_that_waits_for_a_silent_source(files, tmp_path, frames):
+@pytest.mark.parametrize(
+    ("frames", "told"), [(3, NOTHING), (80, LOST)], ids=["while opening", "while running"]
+)
+def test_interrupt_ends_a_run_that_waits_for_a_silent_source(files, tmp_path, frames, told):
     run = process(
         "-", files / "anim.glb", tmp_path / "out.mp4", "--fit", files / "fit.json",
         "--codec", "libx264", stdin=subprocess.PIPE,
@@ -412,7 +418,7 @@ def test_interrupt_ends_a_run_that_waits_for_a_silent_source(files, tmp_path, fr
         message = stopped(run, tmp_path, signal.SIGINT, patience=5)
     with contextlib.suppress(BrokenPipeError):
         pipe.close()
-    assert (run.returncode, message) == (130, "nlens-video: interrupted, no output written")
+    assert (run.returncode, message) == (130, told)
     assert not list(tmp_path.iterdir())
 
 

@@ -119,6 +119,7 @@ class VideoSink(Sink):
                     publish(self._partial, kept_name(self._path))
                     self.kept = kept_name(self._path)
             self.keeps_nothing = self.kept is None
+        self.cut_off = self._path is None
         self._discard()
 
     def write(self, frame: SourceFrame) -> None:
