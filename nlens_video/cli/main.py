@@ -172,7 +172,10 @@ def _composite(args: Namespace, console: Console) -> int:
     with loading():
         from nlens_video.video.input.open import can_be_read_again
     settings = to_settings.settings(args)
-    again = args.command != "farm" and can_be_read_again(settings.source.spec)
+    is_file = can_be_read_again(settings.source.spec)
+    if isinstance(settings.track_focus, int) and not is_file:
+        raise UsageError(f"--track-focus {settings.track_focus} needs a file, not a stream")
+    again = args.command != "farm" and is_file
     if settings.scale.given and not again:
         raise UsageError("--marker and --person-height need a file to solve, not a stream")
     try:

@@ -29,6 +29,7 @@ GIVE = "give --holdout PATH or --occlusion auto"
 _ON_GROUND = frozenset({SHADOW, REFLECTION})  # what motion blurs beside the object
 LEFT_OUT = "left out by --effects"
 _NOT_MEASURED = "not measured"
+_NOT_LOOKED_FOR = f"what moves is looked for in files, not in streams or stills; {GIVE}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +183,8 @@ def restrict_to_pipeline(
     Raises:
         UsageError: `requested` names an effect that the pipeline has no node for.
     """
-    missing = {one.effect for one in decisions if one.wanted or one.reason == _NOT_MEASURED} - there
+    unknown = (_NOT_MEASURED, _NOT_LOOKED_FOR)
+    missing = {one.effect for one in decisions if one.wanted or one.reason in unknown} - there
     for one in decisions:
         if one.effect in missing & EffectRequest.parse(requested).added:
             raise UsageError(
@@ -219,7 +221,7 @@ def _called_for(shot: ShotFacts) -> list[Decision]:
         SHADOW: scene_calls.shadow(shot),
         SELF_SHADOW: scene_calls.self_shadow(shot),
         REFLECTION: scene_calls.reflection(shot),
-        OCCLUSION: (False, f"no foreground was detected; {GIVE}"),
+        OCCLUSION: (False, _NOT_LOOKED_FOR),
         MOTION_BLUR: scene_calls.motion_blur(shot),
     }
     decisions = [

@@ -52,7 +52,7 @@ def open_occlusion_source(
     if real.holdout is not None:
         source = _open_holdout(real.holdout, objects, scene, view)
         return source, Finding(f"--holdout {source.description}", wanted=True)
-    finding = None
+    finding = Finding("--occlusion none") if real.occlusion == "none" else None
     if real.occlusion != "none" and again is not None:
         if real.found is not None:
             moving, finding = read_foreground(real.found)

@@ -223,7 +223,8 @@ def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ((), "effect occlusion: no, no foreground was detected"),
+        ((), "effect occlusion: no, what moves is looked for in files, not in streams or stills;"),
+        (("--occlusion", "none"), "effect occlusion: no, --occlusion none"),
         (("--occlusion", "auto"), "effect occlusion: yes, --occlusion auto: where the plate's CoC"),
         (("--effects", "shadow"), "node shadow"),
         (("--reflect",), "effect reflection: yes, --ground-reflectance: 0.04 at normal incidence"),
@@ -235,6 +236,13 @@ def test_invalid_holdout_mattes_are_refused_in_one_line(files, tmp_path):
 def test_plan_states_occlusion_and_reflection_with_reasons(files, words, line):
     run = nlens(files / "plate.png", files / "anim.glb", "o.png", "--plan", "-v", *words)
     assert run.returncode == 0 and line in run.stdout, run.stdout
+
+
+def test_plan_of_a_stream_does_not_say_that_foreground_was_looked_for(files):
+    words = (files / "anim.glb", "o.mp4", "--fit", files / "fit.json", "--plan", "-v")
+    run = nlens("testsrc2=size=480x270:rate=25", *words, "--input-format", "lavfi")
+    assert run.returncode == 0, run.stderr
+    assert "effect occlusion: no, what moves is looked for in files, not in streams" in run.stdout
 
 
 def test_reflection_lies_on_the_ground_below_the_object(files, plain, tmp_path):

@@ -16,7 +16,8 @@ def test_plan_of_a_pipeline_without_shadow_states_that_it_is_left_out():
     by_name = {decision.effect: decision for decision in decided}
     assert by_name["defocus"].wanted and not by_name["shadow"].wanted
     assert "realtime" in by_name["shadow"].reason
-    assert by_name["grain"].reason == "the pipeline realtime leaves it out"  # nor is it measured
+    for not_measured in ("grain", "occlusion"):
+        assert by_name[not_measured].reason == "the pipeline realtime leaves it out"
 
 
 def test_requesting_an_effect_that_the_pipeline_lacks_is_an_error():

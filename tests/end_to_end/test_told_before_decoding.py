@@ -248,3 +248,9 @@ def test_unwritable_report_folder_is_refused_before_a_check(shot, monkeypatch):
     plate = shot / "in.mp4"
     run = nlens("check", plate, "--against", plate, "--report", plate)
     assert "is no folder" in one_line(run, 6)
+
+
+@pytest.mark.parametrize("words", [["render"], ["fit"]])
+def test_interval_of_fits_is_refused_for_a_stream(shot, tmp_path, words):
+    run = nlens(*words, "-", shot / "anim.glb", tmp_path / "o.json", "--track-focus", "10")
+    assert "--track-focus 10 needs a file, not a stream" in one_line(run, 2)
