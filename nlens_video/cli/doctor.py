@@ -54,7 +54,7 @@ def require_memory() -> None:
     needed = address_space()
     if limit != resource.RLIM_INFINITY and limit < needed:
         raise NlensError(
-            f"the address space is limited to {limit / _GB:.1f} GB, at least {needed / _GB:.1f} GB "
+            f"the address space is limited to {limit / _GB:.2f} GB, at least {needed / _GB:.2f} GB "
             "are needed; call ulimit -v unlimited before"
         )
     for what, size in _memories():

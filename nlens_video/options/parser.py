@@ -220,7 +220,7 @@ def _command_first(argv: list[str]) -> list[str]:
 
 def _files(parser: Parser, words: list[str]) -> list[str]:
     """Those of the words after a shot file that are neither options nor values of options."""
-    _, beyond = parser.parse_known_args(["-", "-", "-", *words])
+    _, beyond = parser.parse_known_args(["IN", "GLB", "OUT", *words])
     return [word for word in beyond if word == "-" or not word.startswith("-")]
 
 

@@ -106,12 +106,16 @@ def result_name(text: str) -> str:
 
 
 def path(text: str) -> Path:
-    """A file or a folder on this machine.
+    """A file or a folder on this machine, not a standard stream.
 
     `Path("")` would be the current folder, and `Path("http://…")` a tree of folders.
     """
     if "://" in text and not text.startswith("file:"):
         raise argparse.ArgumentTypeError(f"{text!r} is an address; give a file on this machine")
+    if text == "-":
+        raise argparse.ArgumentTypeError(
+            "'-' is a standard stream; give a file (./- has that name)"
+        )
     return Path(word(text))
 
 

@@ -159,7 +159,7 @@ def limited(kind, size):
     return lambda: resource.setrlimit(kind, (size, size))
 
 
-@pytest.mark.parametrize("gigabytes", [0.6, 1.0, 2.0])
+@pytest.mark.parametrize("gigabytes", [0.6, 1.0, 2.0, address_space() / 2**30 - 0.02])
 def test_too_small_address_space_is_reported_before_libraries_abort(files, tmp_path, gigabytes):
     run = subprocess.run(
         quick(files, "plate.png", tmp_path / "out.png"), capture_output=True, text=True,
@@ -167,8 +167,9 @@ def test_too_small_address_space_is_reported_before_libraries_abort(files, tmp_p
     )  # fmt: skip
     assert run.returncode == 1
     assert run.stderr.startswith(
-        f"nlens-video: the address space is limited to {gigabytes} GB, at least "
+        f"nlens-video: the address space is limited to {gigabytes:.2f} GB, at least "
     )
+    assert f"{gigabytes:.2f} GB are needed" not in run.stderr
     assert run.stderr.endswith("are needed; call ulimit -v unlimited before\n")
     assert run.stderr.count("\n") == 1 and not list(tmp_path.iterdir())
 

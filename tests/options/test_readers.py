@@ -63,3 +63,12 @@ def test_plate_and_result_may_be_pipes(tmp_path):
     os.mkfifo(pipe)
     args = parse([str(pipe), "a.glb", str(pipe)])
     assert [args.input, args.output] == [str(pipe)] * 2
+
+
+@pytest.mark.parametrize(
+    "option", ["--timings", "--save-fit", "--save-shot", "--report", "--aov", "--fit"]
+)
+def test_standard_stream_in_place_of_a_file_is_refused(option):
+    with pytest.raises(UsageError, match=f"{option}: '-' is a standard stream; give a file"):
+        parse(["in.mp4", "a.glb", "o.mp4", option, "-"])
+    assert parse(["in.mp4", "a.glb", "o.mp4", "--timings", "./-"]).timings.name == "-"
