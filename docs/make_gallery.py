@@ -40,9 +40,10 @@ from nlens_video.core.settings import (
 from nlens_video.effects.shadow.apply import Shadow
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import ScreenBounds, View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.session import open_session
 from nlens_video.report.ground_grid import grid_in_view, over_plate

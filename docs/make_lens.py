@@ -18,10 +18,11 @@ from matplotlib.axes import Axes
 
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.values import ShotValues
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.session import open_session
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import Regression

@@ -15,9 +15,10 @@ from nlens_video.cameras.files import read_camera
 from nlens_video.core.errors import UsageError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.session import Session, open_session
 from nlens_video.video.info import SourceFrame

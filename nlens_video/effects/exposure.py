@@ -1,15 +1,17 @@
 """Exposure drift: exposure and white balance of the plate over the shot, applied to the object.
 
 The object is lit for the first frame that tells the light: not for a black or a white one, with
-which recordings and fades begin. Each later frame is compared with an earlier one at a small
-size: the median ratio of their light is the change of the exposure, whatever moves in less than
-half of the picture. Where the camera moves, the pictures are registered first. Where they cannot be
-compared (a cut, a whip pan), the last known change holds.
+which recordings and fades begin. Until then the ratio of the mean light is the change of the
+exposure, where that frame is known beforehand. Each later frame is compared with an earlier one at
+a small size: the median ratio of their light is the change, whatever moves in less than half of the
+picture. Where the camera moves, the pictures are registered first. Where they cannot be compared
+(a cut, a whip pan), the last known change holds.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -25,6 +27,7 @@ _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is u
 _LEAST_SHARE = 0.25  # of the picture that both must show
 _BLACK, _WHITE = 0.02, 0.9  # mean light of pictures that may show nothing [1]
 _STEADY = 0.02  # change of the light from frame to frame up to which it rests [1]
+_LEAST_LIGHT = 1e-5  # of a picture, which makes the object as black as it is [1]
 _MID_GREY, _GAMMA = 118.0, 2.2
 
 
@@ -89,9 +92,15 @@ class Beginning:
 
 
 class MeasureExposure:
-    """Measures each frame of a shot against those before it; frames come in order."""
+    """Measures each frame of a shot against those before it; frames come in order.
 
-    def __init__(self) -> None:
+    Args:
+        first_telling: reads the first picture that tells the light of a shot whose first one does
+            not; None where the shot cannot be read ahead.
+    """
+
+    def __init__(self, first_telling: Callable[[], Picture | None] = lambda: None) -> None:
+        self._first_telling = first_telling
         self._beginning, self._began = Beginning(), False
         self._anchor: _Keyframe | None = None
         self._last: _Keyframe | None = None
@@ -101,9 +110,11 @@ class MeasureExposure:
         light = picture.downsample(*_SIZE)
         stops = np.empty_like(light)
         take_stops(light, stops)
-        self._began = self._began or self._beginning.ends_with(light, stops)
-        if self._anchor is None or self._last is None or not self._began:
-            seen = _Keyframe(stops, np.zeros(3))
+        if not self._began or self._anchor is None or self._last is None:
+            self._began = self._beginning.ends_with(light, stops)
+            told = None if self._began else self._first_telling()
+            since = np.zeros(3) if told is None else _change_of_means(told, light)
+            seen = _Keyframe(stops, since)
             self._anchor = seen
         else:
             change = _change(self._anchor, stops)
@@ -154,6 +165,13 @@ def _change(before: _Keyframe, stops: Float32) -> Float64 | None:
             return None
         told = take_change(moved, stops, _LEAST_SHARE, _LARGEST_SPREAD_STOPS, there)
     return before.change + there if told else None
+
+
+def _change_of_means(told: Picture, light: Float32) -> Float64:
+    """Change of the mean light (3,) from a picture to a small one (h, w, 3) [stops]."""
+    means = [one.mean((0, 1), dtype=np.float64) for one in (told.downsample(*_SIZE), light)]
+    before, now = (np.log2(np.maximum(mean, _LEAST_LIGHT)) for mean in means)
+    return np.asarray(now - before)
 
 
 def _registered(before: Float32, now: Float32) -> Float32 | None:

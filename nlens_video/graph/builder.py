@@ -22,10 +22,11 @@ from nlens_video.graph.base.context import (
 )
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.timeline import moments_of
 from nlens_video.graph.base.view import View, begins_in_frame
-from nlens_video.graph.effect_plan import EffectPlan, LensRequest, PlatePreview, plan_effects
+from nlens_video.graph.effect_plan import EffectPlan, LensRequest, plan_effects
 from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
 from nlens_video.graph.pipeline_file import PipelineFile
@@ -79,7 +80,6 @@ def open_dependencies(
         effects = plan_effects(
             lens, pipeline, objects, scene, ground, found_in_front, plate, profiler, view
         )
-    occlusion, _ = opening.result()
     view = replace(view, overscan_px=overscan_px(scene, view, effects.measured))
     source = open_object(objects, scene, view, ground.light)
     given = objects.real.reflectance
@@ -101,8 +101,9 @@ def open_dependencies(
         shadow_scene=ground,
         shutter=effects.shutter,
         measured=effects.measured,
-        occlusion=occlusion,
+        occlusion=opening.result()[0],
         reflectance=REFLECTANCE if given is None else given,
+        first_telling=plate.first_telling,
     )
     return context, effects
 
@@ -178,8 +179,7 @@ def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:
     Raises:
         InputError: the environment map cannot be read.
     """
-    environment = None
-    light = objects.light
+    light, environment = objects.light, None
     if light.env is not None:
         from nlens_video.scene.environment import load_environment
 

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
-from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides, Shutter, assumed_shutter
 from nlens_video.core.placement import Region
 from nlens_video.core.settings import Device, Fallback, ObjectSettings
-from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
+from nlens_video.effects.camera.aperture_shape import ApertureReading
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import (
     PLATE_EFFECTS,
     Measurement,
-    measure_plate,
     overridden,
-    shutter_angle,
 )
 from nlens_video.effects.planner import (
     DEFOCUS,
@@ -34,8 +30,9 @@ from nlens_video.effects.planner import (
     decide,
     restrict_to_pipeline,
 )
-from nlens_video.graph.base.context import ReadAgain, ShadowScene
+from nlens_video.graph.base.context import ShadowScene
 from nlens_video.graph.base.followed_lens import DISTORTION, known_distortion, note_if_straight
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import PipelineFile
@@ -97,55 +94,6 @@ class LensRequest:
             angle = 360.0 * self.exposure_s / self.frame_s
             return Shutter(angle_deg=angle, frame_s=self.frame_s, source="from metadata")
         return assumed_shutter(self.frame_s)
-
-
-@dataclass(slots=True)
-class PlatePreview:
-    """A shot's first pictures, before a frame is composited, and what was measured on them.
-
-    Sessions that share it measure the plate once.
-
-    Attributes:
-        pictures: reads them, perhaps only one; called where an effect is measured on them.
-        first: number of the frame that the time of measuring is counted to [1].
-        again: reads all frames of the shot, None where it can be read only once.
-        survey: waits for what was seen of what moves, None where the shot was not looked at.
-        begins_run: whether these very pictures are those of the run's first frames.
-    """
-
-    pictures: Callable[[], Sequence[Picture]]
-    first: int = 0
-    again: ReadAgain | None = None
-    survey: Callable[[], StaticCameraSurvey | None] = lambda: None
-    begins_run: bool = False
-    _measured: dict[str, Measurement] = field(default_factory=dict)
-    _shutter: tuple[float | None] | None = None
-    _aperture: tuple[ApertureReading | None] | None = None
-
-    def measured(self, effects: Set[str]) -> dict[str, Measurement]:
-        """Effects of the camera as these pictures show them, each measured once."""
-        missing = effects - self._measured.keys()
-        if missing:
-            self._measured.update(measure_plate(missing, self.pictures()))
-        found = effects & self._measured.keys()  # none where there is no picture
-        return {one: self._measured[one] for one in PLATE_EFFECTS if one in found}
-
-    def shutter_deg(self) -> float | None:
-        """The shutter's angle by their motion blur, None where that does not show [deg]."""
-        if self._shutter is None:
-            self._shutter = (shutter_angle(self.pictures()),)
-        return self._shutter[0]
-
-    def aperture(self, pixel_aspect: float) -> ApertureReading | None:
-        """The aperture's shape by the first one's highlights, None where they do not tell it.
-
-        Args:
-            pixel_aspect: width of a pixel by its height [1].
-        """
-        if self._aperture is None:
-            first = self.pictures()[:1]
-            self._aperture = (read_aperture(first[0], pixel_aspect) if first else None,)
-        return self._aperture[0]
 
 
 @dataclass(frozen=True, slots=True)

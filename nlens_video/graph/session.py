@@ -21,6 +21,7 @@ from nlens_video.graph.base.followed_lens import DISTORTION, followed_distortion
 from nlens_video.graph.base.ground_level import note_on_ground
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import is_placed, load_scene, stage
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.timeline import notes_on_timing
 from nlens_video.graph.base.view import View
@@ -32,7 +33,7 @@ from nlens_video.graph.builder import (
     open_dependencies,
 )
 from nlens_video.graph.camera_zoom import CameraZoom
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker

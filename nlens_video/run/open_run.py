@@ -17,9 +17,9 @@ from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.followed_lens import followed_distortion
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import PlatePreview
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.scheduler import run_in_thread
@@ -185,6 +185,7 @@ def _assembled(
         again,
         passes.survey,
         begins_run=settings.source.frames[0] == 0 and passes.under_way,
+        from_start=read_again(replace(settings.source, frames=(0, None)), info),
     )
     view = view_of(settings, info)
     return open_session(

@@ -7,9 +7,10 @@ from support import shots
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.core.optics import ROUND, Aperture, LensOverrides
 from nlens_video.core.settings import LightSettings, ObjectSettings, RealSettings
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.session import open_session
 
 BARE = """

@@ -6,9 +6,10 @@ from support.glb_builder import GlbBuilder
 
 from nlens_video.core.errors import NoteKind
 from nlens_video.core.settings import ObjectSettings
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.session import describe, open_session
 
 PLACE = (0.0, 0.0, -1.6)

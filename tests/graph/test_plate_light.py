@@ -12,10 +12,11 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import decide
 from nlens_video.graph.base.context import NodeContext
 from nlens_video.graph.base.object_source import open_object
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import build, shadow_scene
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.pipeline_file import load_pipeline

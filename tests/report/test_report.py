@@ -39,10 +39,11 @@ from nlens_video.core.settings import (
     SourceSettings,
 )
 from nlens_video.effects.planner import Decision
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.values import FoundLens
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.graph.session import open_session
 from nlens_video.report.collect import PAGE, Report

@@ -32,26 +32,69 @@ def folder(tmp_path_factory):
     return folder
 
 
-def last_frame(folder, kind):
+def composited(folder, kind, *words):
+    """Luma of every frame, and what the run printed."""
     out = folder / f"{kind}.mkv"
     run = nlens(
         folder / f"{kind}.mp4", folder / "anim.glb", out, "--preset", "realtime", "--effects",
-        "defocus,exposure", "--fit", folder / "fit.json", "--codec", "ffv1", "-y",
+        "defocus,exposure", "--fit", folder / "fit.json", "--codec", "ffv1", "-y", *words,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
-    return shots.read_planes(out)[-1][1][0].astype(float), run.stderr
+    return luma(out), run.stderr
+
+
+def luma(path):
+    return [planes[0].astype(float) for _, planes in shots.read_planes(path)]
+
+
+def object_of(usual, plate):
+    there = np.abs(usual - plate) > 12.0
+    assert there.sum() > 500
+    return there
 
 
 @pytest.mark.parametrize("kind", ["black", "white", "fade"])
 def test_object_is_lit_by_the_first_frame_that_tells_the_light(folder, kind):
-    usual, _ = last_frame(folder, "ordinary")
-    found, told = last_frame(folder, kind)
-    plate = shots.read_planes(folder / "ordinary.mp4")[-1][1][0].astype(float)
-    there = np.abs(usual - plate) > 12.0
-    assert there.sum() > 500
-    assert np.abs(found - usual)[there].mean() < 6.0
-    if kind != "fade":
-        assert "far brighter than the plate's" not in told
+    usual, _ = composited(folder, "ordinary")
+    found, told = composited(folder, kind)
+    there = object_of(usual[-1], luma(folder / "ordinary.mp4")[-1])
+    assert np.abs(found[-1] - usual[-1])[there].mean() < 6.0
+    assert "far brighter than the plate's" not in told
+
+
+def test_object_fades_in_with_the_plate(folder):
+    usual, _ = composited(folder, "ordinary")
+    found, _ = composited(folder, "fade")
+    gains, _ = beginning("fade")
+    for number, plate in enumerate(luma(folder / "ordinary.mp4")):
+        there = object_of(usual[number], plate)
+        wanted = 16.0 + gains[number] * (usual[number] - 16.0)
+        assert abs((found[number] - wanted)[there].mean()) < 4.0, number
+
+
+def test_range_within_a_fade_is_that_part_of_the_whole(folder):
+    whole, _ = composited(folder, "fade")
+    part, _ = composited(folder, "fade", "--range", "2:5")
+    assert np.array_equal(part, whole[2:5])
+
+
+@pytest.mark.parametrize("kind", ["black", "fade"])
+def test_effects_and_what_moves_are_measured_after_the_beginning(folder, kind):
+    rng = np.random.default_rng(3)
+    plate = shots.plate() / 255.0
+    gains, lift = (np.concatenate([part, part[-1:].repeat(40)]) for part in beginning(kind))
+    pictures = [
+        np.clip(plate + rng.normal(0.0, 3 / 255, plate.shape), 0.0, 1.0) * gain + more
+        for gain, more in zip(gains, lift, strict=True)
+    ]
+    noisy = folder / f"noisy-{kind}.mp4"
+    takes.encode(noisy, pictures, size=(shots.WIDTH, shots.HEIGHT), crf=8, audio=False)
+    run = nlens(
+        noisy, folder / "anim.glb", folder / "o.mkv", "--fit", folder / "fit.json", "--plan"
+    )
+    assert run.returncode == 0, run.stderr
+    assert "effect grain: yes" in run.stdout
+    assert "effect occlusion: no, nothing moves" in run.stdout
 
 
 def test_black_first_frame_is_told_where_the_lens_is_read_off_it(folder):

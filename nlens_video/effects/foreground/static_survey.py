@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from nlens_video.effects.exposure import Beginning
 from nlens_video.effects.foreground.background import BackgroundSurvey
 from nlens_video.effects.foreground.reference_view import StaticView
 from nlens_video.video.info import SourceFrame
@@ -14,6 +15,8 @@ SURVEY_INTERVAL_S = 0.2
 
 class StaticCameraSurvey:
     """Background survey that is made while the frames of a shot are read, for a static camera.
+
+    A beginning that is black, white or a fade is left out.
 
     Args:
         size: columns and rows of the frames [px].
@@ -29,10 +32,12 @@ class StaticCameraSurvey:
         self.survey = BackgroundSurvey(size)
         self.times: list[float] = []
         self._due = -math.inf
+        self._beginning, self._began = Beginning(), False
 
     def see(self, frame: SourceFrame) -> None:
         """Read the next frame, and survey it if the interval since the last one has passed."""
         self.times.append(frame.time_s)
-        if frame.time_s >= self._due:
+        self._began = self._began or self._beginning.ends(frame.picture)
+        if self._began and frame.time_s >= self._due:
             self.survey.add(self.reference.downsampled(frame.picture))
             self._due = frame.time_s + SURVEY_INTERVAL_S

@@ -19,9 +19,10 @@ from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.evaluate.bench.case import Case
 from nlens_video.graph.base.node import OUT_OF_FOCUS, Node
+from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
-from nlens_video.graph.effect_plan import LensRequest, PlatePreview
+from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline, shipped_pipelines

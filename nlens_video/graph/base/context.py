@@ -117,6 +117,8 @@ class NodeContext:
         measured: camera effects measured on the plate's first frames, by effect.
         occlusion: source of foreground occlusion, None without one.
         reflectance: of the ground at normal incidence, 0 to 1 [1].
+        first_telling: the first picture that tells the light of a shot whose first one does not;
+            None where the shot cannot be read ahead.
     """
 
     objects: ObjectSource
@@ -139,6 +141,7 @@ class NodeContext:
     measured: Mapping[str, Measurement] = field(default_factory=dict)
     occlusion: OcclusionSource | None = None
     reflectance: float = 0.0
+    first_telling: Callable[[], Picture | None] = lambda: None
 
     @cached_property
     def ground_height(self) -> float:

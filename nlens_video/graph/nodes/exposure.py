@@ -22,7 +22,7 @@ class MeasureExposure(Node):
     effect, stateful = EXPOSURE, True
 
     def __init__(self, context: NodeContext) -> None:
-        self._measure = Measure()
+        self._measure = Measure(context.first_telling)
         self.description = "median ratio of small pictures, per channel"
 
     def __call__(self, picture: Picture) -> Exposure | None:

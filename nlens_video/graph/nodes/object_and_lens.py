@@ -57,6 +57,9 @@ class EstimateLight(Node):
     def __call__(self, picture: Picture) -> Illumination:
         if not self._settled:
             self._settled = self._beginning.ends(picture)
+            told = None if self._settled else self._context.first_telling()
+            if told is not None:
+                picture, self._settled = told, True
             if self._settled or not self._beginning.steady:
                 self._light = self._without_sun = None
         if self._light is None:
