@@ -246,19 +246,19 @@ class GraphExecutor:
         with self.profiler.timed(index, "watch"):
             due = live.needs_refit(index, state.frame.picture)
         if due:
-            probe = self.begin_frame(state.frame)
             with suppress(LensFitError):  # no usable fit on this frame: the lens stays
-                fit = self.find_lens(probe)
-                if fit is not None:
+                if (fit := self.find_lens(self.begin_frame(state.frame))) is not None:
                     live.found(fit)
-        moved = live.step()
-        if moved is not None:
+        if (moved := live.step()) is not None:
             state.values.fit = self.fit = moved
 
     def _run_once(self, state: FrameState, node: Node) -> None:
         if self.fit is not None or not node.runs_on(state.values):
             return
-        self._write(state, node, self._timed(state, node))
+        value = self._timed(state, node)
+        self._write(state, node, value)
+        if value is None:  # the picture tells no lens: the object is not shown on it
+            state.values.bounds = None
         found = state.values.found_lens
         if found is not None:
             self.fit = state.values.fit = found.fit

@@ -13,6 +13,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
 from nlens_video.run.checks.interlaced import notes_on_fields
+from nlens_video.run.checks.lens_told import check_lens_told
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import open_run
@@ -86,6 +87,7 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
         if not seen:
             raise UsageError(no_such_frames(settings.source, run_input.info))
         if fit is None:
+            check_lens_told(session)
             raise OutOfViewError(
                 f"{settings.scene.glb}: the object does not come into view within {seen} frames, "
                 "so there is nothing to fit; check the camera or --range"

@@ -18,6 +18,7 @@ from nlens_video.graph.nodes.object_and_lens import EstimateLight
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import Session, describe
+from nlens_video.run.checks.lens_told import check_lens_told
 from nlens_video.run.checks.plate_checks import PlateChecks, notes_beforehand
 from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
@@ -158,6 +159,7 @@ def render(
             for observer in observing:
                 observer.frame(item, timing)
             on_progress(written, total)
+        check_lens_told(session, live=source.info.kind == "stream")
         check_written(settings, source.info, written, changed=changed or chunks is not None)
         result = RunResult(
             output=output.spec, fit=session.executor.fit, decisions=session.decisions,

@@ -1,9 +1,13 @@
 """Shots that begin with a black or a white picture, as recordings and fades do."""
 
+import json
+
 import numpy as np
 import pytest
 from support import shots, takes
 from support.command import nlens, one_line
+
+from nlens_video import Compositor
 
 pytestmark = pytest.mark.needs_gl
 FRAMES = 10
@@ -97,7 +101,39 @@ def test_effects_and_what_moves_are_measured_after_the_beginning(folder, kind):
     assert "effect occlusion: no, nothing moves" in run.stdout
 
 
-def test_black_first_frame_is_told_where_the_lens_is_read_off_it(folder):
-    words = [folder / "black.mp4", folder / "anim.glb", folder / "o.mp4", "-q"]
+@pytest.mark.parametrize("kind", ["black", "white", "fade"])
+def test_lens_is_read_off_the_first_picture_of_more_than_one_colour(folder, kind):
+    saved = folder / f"{kind}.json"
+    words = [folder / f"{kind}.mp4", folder / "anim.glb"]
+    run = nlens(*words, folder / "o.mkv", "--preset", "realtime", "--save-fit", saved, "-y")
+    assert run.returncode == 0, run.stderr
+    assert "of one colour" not in run.stderr
+    found = json.loads(saved.read_text())
+    assert (
+        found["frame"] == {"black": 1, "white": 1, "fade": 2}[kind]
+    )  # the first one with 3 levels of light
+    usual = json.loads((folder / "fit.json").read_text())
+    assert found["slope"] == pytest.approx(usual["slope"], rel=0.2)
+    again = folder / "again.json"
+    assert nlens("fit", *words, again, "-y").returncode == 0
+    assert json.loads(again.read_text())["slope"] == pytest.approx(found["slope"], rel=0.1)
+
+
+def test_lens_of_a_stream_is_read_off_the_first_picture_of_more_than_one_colour(folder):
+    glb = folder / "anim.glb"
+    plate = shots.plate()
+    with Compositor(glb, preset="realtime", fps=25) as lens:
+        black = lens.process(np.zeros_like(plate))
+        assert not black.any() and lens.fit is None
+        assert np.abs(lens.process(plate).astype(int) - plate).max() > 40
+        assert lens.fit.slope == pytest.approx(shots.SLOPE, rel=0.2)
+
+
+@pytest.mark.parametrize("command", [(), ("fit",)])
+def test_lens_of_a_black_shot_is_said_to_be_untold(folder, command):
+    black = folder / "all-black.mp4"
+    shots.write_video(black, 5, rgb=np.zeros_like(shots.plate()))
+    out = folder / ("o.json" if command else "o.mp4")
+    words = [*command, black, folder / "anim.glb", out, "-q", "-y"]
     line = one_line(nlens(*words), 5)
-    assert "the picture is black" in line and "--range N:" in line
+    assert "all pictures are of one colour, and tell no lens" in line

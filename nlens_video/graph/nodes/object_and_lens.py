@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from nlens_video.video.info import SourceFrame
 
 _LEVEL_SIZE = 40, 24  # columns and rows that the level of a picture is read at [px]
-_BLACK = 1e-3  # light of a picture that shows nothing: 3 of 255 in sRGB [1]
+_ONE_COLOUR = 1e-3  # difference in light, of black 3 of 255 in sRGB, that shows nothing [1]
+_UNTOLD = "all pictures are of one colour, and tell no lens; give --fit FILE or --fallback constant"
 _SURE_SHARE = 0.5  # of the whole error: below it most is what the readings leave open
 
 
@@ -57,8 +58,7 @@ class EstimateLight(Node):
     def __call__(self, picture: Picture) -> Illumination:
         if not self._settled:
             self._settled = self._beginning.ends(picture)
-            told = None if self._settled else self._context.first_telling()
-            if told is not None:
+            if not self._settled and (told := self._context.first_telling()) is not None:
                 picture, self._settled = told, True
             if self._settled or not self._beginning.steady:
                 self._light = self._without_sun = None
@@ -124,7 +124,7 @@ class ObjectBounds(Node):
 
 
 class EstimateCoc(Node):
-    """F: CoC map of the plate from its pixels alone (paper, section 4.1)."""
+    """F: CoC map of the plate from its pixels alone (paper, section 4.1); None of one colour."""
 
     name, writes = "estimate-coc", "plate_coc"
     effect, once, when = DEFOCUS, True, IN_FRAME
@@ -132,17 +132,20 @@ class EstimateCoc(Node):
     def __init__(self, context: NodeContext) -> None:
         self._estimate = context.estimate_coc
         self._needs_plate = context.known_lens == UNKNOWN_LENS and not context.fallback_constant
+        self._untold = False
         self.description = "F: CoC network, onnxruntime on the CPU"
 
     def __call__(
         self, picture: Picture, bounds: ScreenBounds, following: tuple[Picture, ...] | None
-    ) -> CocMap:
-        if self._needs_plate and float(picture.downsample(*_LEVEL_SIZE).max()) < _BLACK:
-            raise LensFitError(
-                "the picture is black, and tells no lens; begin at a later frame with --range N:, "
-                "or give --fit FILE.json"
-            )
-        return self._estimate(picture, following or ())
+    ) -> CocMap | None:
+        seen = picture.downsample(*_LEVEL_SIZE)
+        self._untold = self._needs_plate and float(np.ptp(seen, axis=(0, 1)).max()) < _ONE_COLOUR
+        return None if self._untold else self._estimate(picture, following or ())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That only pictures of one colour have come so far."""
+        return (_UNTOLD,) if self._untold else ()
 
 
 class GroundFootprint(Node):
