@@ -68,11 +68,12 @@ class Beginning:
 
     Attributes:
         steady: whether the last frame is as bright as the one before it; not on the first frame.
+        fades_in: whether it is brighter.
     """
 
     def __init__(self) -> None:
         self._level: float | None = None
-        self.steady = False
+        self.steady = self.fades_in = False
 
     def ends(self, picture: Picture) -> bool:
         """Whether the next frame of the shot tells its light."""
@@ -86,6 +87,7 @@ class Beginning:
         first, level = self._level is None, float(light.mean())
         before, self._level = self._level or 0.0, level
         self.steady = not first and abs(level - before) <= _STEADY * before
+        self.fades_in = not first and not self.steady and level > before
         known = np.isfinite(stops).all(axis=2).mean()
         tells = bool(known >= _LEAST_SHARE) or _BLACK < level < _WHITE
         return tells and (first or self.steady)

@@ -14,7 +14,7 @@ from nlens_video.core.settings import Settings
 from nlens_video.effects.planner import SHADOW, Decision
 from nlens_video.graph.base.profiler import Profiler, Summary
 from nlens_video.graph.executor import FrameState
-from nlens_video.graph.nodes.object_and_lens import EstimateLight
+from nlens_video.graph.nodes.plate_light import EstimateLight
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.scheduler import run_workers
 from nlens_video.graph.session import Session, describe

@@ -24,14 +24,14 @@ PLATE_COLUMNS = 160
 """Width to which a plate is reduced for it [px]."""
 _WHITE = 1.25  # radiance of a white sheet that lies on the ground, in a plate of average level [1]
 _MEAN = 0.22  # light of such a plate [1]
+USUAL_LEVEL = math.pi * _WHITE
+"""Of the light on the ground, in such a plate [1]."""
 _EXPOSED = 1.0  # so far from it a plate may be by what it shows; beyond, its light differs [EV]
 _FOLLOWED = 0.15  # of the difference in between, share that is the light's [1]
 _BURNT, _BARELY = 0.0135, 0.01  # share of clipped pixels of average plates, and least one [1]
 _BY_BURNT = 0.45  # of the logarithm of that share, part that is the light's [1]
 _GAPS = 3  # between parts of one sky, as of leaves [px of the reduced plate]
-_AROUND_PART = np.ones(
-    (5, 5), np.uint8
-)  # pixels around a clipped part [pixels of the reduced plate]
+_AROUND_PART = np.ones((5, 5), np.uint8)  # around a clipped part [px of the reduced plate]
 _DARK = 0.1  # light around it, below which it is a lamp [1]
 _MOST_BURNT = 1.5  # what it raises the level by at most [EV]
 _DARKEST = 0.06  # reflectance below which grounds are not taken to be: they lie in less light [1]

@@ -25,7 +25,7 @@ from nlens_video.graph.builder import Built, build
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.nodes.camera import overscan_px
-from nlens_video.graph.nodes.object_and_lens import EstimateLight
+from nlens_video.graph.nodes.plate_light import EstimateLight
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.session import Session
 from nlens_video.scene.scene import Scene

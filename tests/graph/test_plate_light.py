@@ -18,7 +18,7 @@ from nlens_video.graph.base.view import View
 from nlens_video.graph.builder import build, shadow_scene
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
-from nlens_video.graph.nodes.object_and_lens import EstimateLight
+from nlens_video.graph.nodes.plate_light import EstimateLight
 from nlens_video.graph.pipeline_file import load_pipeline
 from nlens_video.graph.session import open_session
 from nlens_video.scene.scene import Scene

@@ -76,6 +76,35 @@ def test_object_fades_in_with_the_plate(folder):
         assert abs((found[number] - wanted)[there].mean()) < 4.0, number
 
 
+def test_object_fades_in_with_a_stream(folder):
+    gains = np.concatenate([np.arange(12) / 12, np.ones(3)])
+    plate = shots.plate()
+    usual, found = (
+        faded(folder, [np.round(plate * gain).astype(np.uint8) for gain in part])
+        for part in (np.ones(15), gains)
+    )
+    there = np.abs(usual[0].astype(int) - plate).max(axis=2) > 12
+    for number, gain in enumerate(gains):
+        error = found[number].astype(float) - gain * usual[number].astype(float)
+        assert abs(error[there].mean()) < 36.0, number
+
+
+def test_lights_of_the_file_are_as_bright_on_every_frame_of_a_night(folder):
+    night = np.clip(shots.plate() // 12, 1, None).astype(np.uint8)
+    first, *others = faded(folder, [night] * 4)
+    there = np.abs(first.astype(int) - night).max(axis=2) > 3
+    assert there.sum() > 500
+    for other in others:
+        assert np.abs(other.astype(int) - first)[there].mean() < 1.0
+
+
+def faded(folder, plates):
+    with Compositor(
+        folder / "anim.glb", preset="realtime", fps=25, fit=folder / "fit.json"
+    ) as lens:
+        return [lens.process(plate) for plate in plates]
+
+
 def test_range_within_a_fade_is_that_part_of_the_whole(folder):
     whole, _ = composited(folder, "fade")
     part, _ = composited(folder, "fade", "--range", "2:5")

@@ -4,7 +4,7 @@ import pytest
 from support import shots
 
 from nlens_video.cli.main import main
-from nlens_video.graph.nodes.object_and_lens import EstimateLight
+from nlens_video.graph.nodes.plate_light import EstimateLight
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_gl]
 NOTE = "shadows on the plate tell a sun"
