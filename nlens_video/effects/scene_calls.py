@@ -37,8 +37,10 @@ def shadow(shot: ShotFacts) -> tuple[bool, str]:
             "--effects auto,+shadow casts one by the GLB's lights"
         )
     if shot.lamps:
-        count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
-        return True, f"cast on the ground by {count}, plus contact shadow from ambient light"
+        return (
+            True,
+            f"cast on the ground by {_count(shot.lamps)}, plus contact shadow from ambient light",
+        )
     if shot.sun_from_plate:
         return True, "cast on the ground by ambient light, and by a sun estimated from the plate"
     return True, "contact shadow from ambient light; no light source casts another"
@@ -49,8 +51,7 @@ def self_shadow(shot: ShotFacts) -> tuple[bool, str]:
     if shot.pre_rendered:
         return False, "pre-rendered layers are lit already"
     if shot.lamps:
-        count = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
-        return True, f"cast by parts of the object on each other under {count}"
+        return True, f"cast by parts of the object on each other under {_count(shot.lamps)}"
     if shot.sun_from_plate:
         return True, "cast by parts of the object on each other where the plate tells a sun"
     return False, "no light source casts one"
@@ -66,3 +67,7 @@ def reflection(shot: ShotFacts) -> tuple[bool, str]:
         f"--ground-reflectance: {shot.reflectance:g} at normal incidence, more at grazing "
         "angles (Schlick)"
     )
+
+
+def _count(lamps: int) -> str:
+    return f"{lamps} light{'s' if lamps > 1 else ''}"

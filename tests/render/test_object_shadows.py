@@ -14,6 +14,7 @@ from support.quads import material, quad
 from nlens_video.native import kernels
 from nlens_video.render.base import light_depth, light_depth_ref
 from nlens_video.render.base.light_depth import LightDepth
+from nlens_video.render.base.opacity import Opacities
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.scene import Camera, Scene
@@ -199,13 +200,18 @@ def test_maps_are_drawn_of_the_strongest_lamps_outside_of_the_object(tmp_path):
     def suns(*levels):
         return [Lamp(sun(np.full(3, level), slanted(0.1 * n))) for n, level in enumerate(levels)]
 
-    assert LightDepth.of(posed, suns(1.0, 4.0, 0.9, 3.0), 128).lights == (1, 3, 0)
-    assert LightDepth.of(posed, suns(1.0, 1.1, 1.2, 1.3, 1.4), 128).lights == (4, 3, 2, 1)
-    assert LightDepth.of(posed, [], 128) is None
+    assert LightDepth.of(posed, suns(1.0, 4.0, 0.9, 3.0), 128, Opacities()).lights == (1, 3, 0)
+    assert LightDepth.of(posed, suns(1.0, 1.1, 1.2, 1.3, 1.4), 128, Opacities()).lights == (
+        4,
+        3,
+        2,
+        1,
+    )
+    assert LightDepth.of(posed, [], 128, Opacities()) is None
     inside = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1000.0)
     lamp = Lamp(PosedLight(inside, np.array([0.2, 0.3, 0.0]), DOWN))
-    assert LightDepth.of(posed, [lamp], 128) is None
-    assert LightDepth.of(posed, [lamp, *suns(1.0)], 128).lights == (1,)
+    assert LightDepth.of(posed, [lamp], 128, Opacities()) is None
+    assert LightDepth.of(posed, [lamp, *suns(1.0)], 128, Opacities()).lights == (1,)
 
 
 def test_maps_become_finer_as_the_camera_comes_near(tmp_path):
@@ -236,7 +242,7 @@ def random_depth(seed, far=True):
 def test_visible_share_of_a_light_agrees_with_the_reference(tmp_path_factory, seed, far):
     builder, lamps, corners, toward, rng = random_depth(seed, far)
     posed = Scene.load(builder.write(tmp_path_factory.mktemp("s") / "s.glb")).pose(0.0)
-    depth = LightDepth.of(posed, lamps, 128)
+    depth = LightDepth.of(posed, lamps, 128, Opacities())
     a, b, c = corners.reshape(-1, 3, 3).swapaxes(0, 1).astype(np.float64)
     weights = rng.dirichlet(np.ones(3), len(a))
     places = weights[:, :1] * a + weights[:, 1:2] * b + weights[:, 2:] * c
@@ -270,7 +276,7 @@ def test_drawn_nearness_agrees_with_the_reference(seed):
 def test_depth_maps_are_the_same_at_every_level(tmp_path):
     builder, lamps, corners, toward, rng = random_depth(3)
     posed = Scene.load(builder.write(tmp_path / "s.glb")).pose(0.0)
-    maps = LightDepth.of(posed, lamps, 128).maps(np.zeros(3))
+    maps = LightDepth.of(posed, lamps, 128, Opacities()).maps(np.zeros(3))
     places = rng.uniform(-1.0, 1.0, (400, 3)).astype(np.float32)
     facets, towards = rng.normal(size=(2, 400, 3)).astype(np.float32)
 

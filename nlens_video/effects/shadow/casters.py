@@ -8,7 +8,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.render.base.opacity import Opacity, texturing
+from nlens_video.render.base.opacity import Opacities, Opacity, texturing
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.posed import PosedMesh, PosedScene
@@ -22,14 +22,8 @@ _NO_EDGES = np.zeros((0, 4), np.int32)
 class CasterCache:
     """What does not change over time: opacity of geometries, and triangles of opaque ones."""
 
-    _opacities: dict[Geometry, Opacity | None] = field(default_factory=dict)
+    opacities: Opacities = field(default_factory=Opacities)
     _joined: dict[tuple[Geometry, ...], tuple[Int32, Int32]] = field(default_factory=dict)
-
-    def opacity(self, geometry: Geometry) -> Opacity | None:
-        """Opacity of a geometry's surface; None where it is opaque."""
-        if geometry not in self._opacities:
-            self._opacities[geometry] = Opacity.of(geometry)
-        return self._opacities[geometry]
 
     def joined(self, geometries: tuple[Geometry, ...]) -> tuple[Int32, Int32]:
         """Faces (T, 3) of all geometries, which index their vertices together, and their edges.
@@ -88,7 +82,7 @@ class Casters:
         opaque: list[PosedMesh] = []
         transparent: list[TransparentCaster] = []
         for mesh in posed.drawn:
-            opacity = cache.opacity(mesh.geometry)
+            opacity = cache.opacities.of(mesh.geometry)
             if opacity is None:
                 opaque.append(mesh)
             else:

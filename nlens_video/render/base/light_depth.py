@@ -19,9 +19,8 @@ import numpy as np
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.native import kernels
-from nlens_video.render.base.opacity import Opacity, texturing
+from nlens_video.render.base.opacity import Opacities, texturing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.illumination import LUMINANCE, Lamp
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
@@ -74,21 +73,24 @@ class LightDepth:
     highest: Float32
 
     @classmethod
-    def of(cls, posed: PosedScene, lamps: Sequence[Lamp], side: int) -> LightDepth | None:
+    def of(
+        cls, posed: PosedScene, lamps: Sequence[Lamp], side: int, opacities: Opacities
+    ) -> LightDepth | None:
         """Draw the maps of the strongest lamps that see the object from without.
 
         Args:
             posed: the object, at one moment.
             lamps: what lights it.
             side: width and height of the maps, one of `SIDES` or a power of two between [px].
+            opacities: of its surfaces.
 
         Returns:
             None where no lamp has a map, or nothing is drawn in it.
         """
-        casters = [one for one in posed.drawn if _blocks(one)]
+        casters = _casters(posed, opacities)
         if not casters or not lamps:
             return None
-        points = np.concatenate([mesh.positions for mesh in casters]).astype(np.float64)
+        points = np.concatenate([mesh.positions for mesh, _ in casters]).astype(np.float64)
         bounds = np.stack([points.min(axis=0), points.max(axis=0)])
         if not np.isfinite(bounds).all() or not np.ptp(bounds, axis=0).any():
             return None
@@ -135,6 +137,7 @@ class LightDepthCache:
         self._meshes: tuple[PosedMesh, ...] = ()  # held, so that identity tells them apart
         self._lamps: tuple[object, ...] = ()
         self._side = 0
+        self._opacities = Opacities()
         self._depth: LightDepth | None = None
 
     def of(self, posed: PosedScene, camera: Camera, lamps: Sequence[Lamp]) -> LightDepth | None:
@@ -143,7 +146,7 @@ class LightDepthCache:
         same = len(self._meshes) == len(posed.meshes) and all(map(is_, self._meshes, posed.meshes))
         if not same or side != self._side or lit != self._lamps:
             self._meshes, self._lamps, self._side = posed.meshes, lit, side
-            self._depth = LightDepth.of(posed, lamps, side)
+            self._depth = LightDepth.of(posed, lamps, side, self._opacities)
         return self._depth
 
 
@@ -157,10 +160,17 @@ def _key(lamp: Lamp) -> tuple[object, ...]:
     return posed.light, posed.position.tobytes(), posed.direction.tobytes(), lamp.diameter
 
 
-def _blocks(mesh: PosedMesh) -> bool:
-    """Whether a mesh is opaque, at least in places; glass lets the light through."""
-    opacity = Opacity.of(mesh.geometry)
-    return opacity is None or opacity.cutoff >= 0.0
+def _casters(posed: PosedScene, opacities: Opacities) -> list[tuple[PosedMesh, Cutout]]:
+    """Meshes that are opaque, at least in places, and where; glass lets the light through."""
+    found = []
+    for mesh in posed.drawn:
+        opacity = opacities.of(mesh.geometry)
+        if opacity is None:
+            found.append((mesh, SOLID))
+        elif opacity.cutoff >= 0.0:
+            surface = np.ascontiguousarray(texturing(mesh.geometry), dtype=np.float32)
+            found.append((mesh, (surface, opacity.alpha, opacity.wrap, opacity.cutoff)))
+    return found
 
 
 def _strongest(lamps: Sequence[Lamp], bounds: Float64) -> list[int]:
@@ -215,24 +225,18 @@ def _fitted(matrices: Float64, points: Float64, side: int) -> Float32:
     return found
 
 
-def _draw(nearness: Float32, places: Float32, casters: Sequence[PosedMesh]) -> None:
-    """Draw opaque surfaces with vertices at places (K, V, 3) into maps (K, side, side)."""
+def _draw(nearness: Float32, places: Float32, casters: Sequence[tuple[PosedMesh, Cutout]]) -> None:
+    """Draw meshes with vertices at places (K, V, 3) into maps (K, side, side)."""
     count, side = nearness.shape[:2]
     threads = processors()
-    starts = np.cumsum([0, *(len(mesh.positions) for mesh in casters)])
-    parts: list[tuple[slice, Int32, Cutout]] = []
-    for mesh, first, last in zip(casters, starts, starts[1:], strict=False):
-        opacity, cutout = Opacity.of(mesh.geometry), SOLID
-        if opacity is not None:
-            surface = np.ascontiguousarray(texturing(mesh.geometry), dtype=np.float32)
-            cutout = surface, opacity.alpha, opacity.wrap, opacity.cutoff
-        parts.append((slice(first, last), mesh.faces, cutout))
+    starts = np.cumsum([0, *(len(mesh.positions) for mesh, _ in casters)])
 
     def draw_band(number: int) -> None:
         one, band = divmod(number, threads)
         first, last = side * band // threads, side * (band + 1) // threads
-        for own, faces, cutout in parts:
-            kernels.draw_nearness(places[one, own], faces, cutout, first, last, nearness[one])
+        for (mesh, cutout), begin in zip(casters, starts, strict=False):
+            own = places[one, begin : begin + len(mesh.positions)]
+            kernels.draw_nearness(own, mesh.faces, cutout, first, last, nearness[one])
 
     parallel_for(draw_band, range(threads * count))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -46,6 +46,19 @@ class Opacity:
         if least >= (cutoff if cutoff >= 0.0 else _OPAQUE):
             return None
         return cls(np.ascontiguousarray(alpha), wrap, cutoff)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Opacities:
+    """Opacity of surfaces, which does not change over time: each is read once."""
+
+    _found: dict[Geometry, Opacity | None] = field(default_factory=dict)
+
+    def of(self, geometry: Geometry) -> Opacity | None:
+        """As `Opacity.of`."""
+        if geometry not in self._found:
+            self._found[geometry] = Opacity.of(geometry)
+        return self._found[geometry]
 
 
 def texturing(geometry: Geometry) -> Float32:

@@ -22,7 +22,6 @@ from nlens_video.render.base.drawer import (
     closed_bodies,
 )
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
-from nlens_video.render.opengl.depth_map_texture import DepthMapTexture
 from nlens_video.render.opengl.gpu_objects import (
     BehindTarget,
     FloatTarget,
@@ -30,7 +29,7 @@ from nlens_video.render.opengl.gpu_objects import (
     GpuPrimitive,
 )
 from nlens_video.render.opengl.gpu_textures import GpuTexture
-from nlens_video.render.opengl.surround_texture import SurroundTexture
+from nlens_video.render.opengl.stacked_texture import StackedTexture
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.textures import Image
 from nlens_video.scene.posed import PosedScene
@@ -51,8 +50,8 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         self._ready: set[ShaderProgram] = set()
         self._target = FloatTarget()
         self._behind = BehindTarget()
-        self._surround = SurroundTexture()
-        self._depth_maps = DepthMapTexture()
+        self._surround = StackedTexture(GL.GL_RGBA32F, GL.GL_RGBA, GL.GL_LINEAR)
+        self._depth_maps = StackedTexture(GL.GL_R32F, GL.GL_RED, GL.GL_NEAREST)
         self._defines: dict[str, int] = {}
         self._one_sided: frozenset[GpuPrimitive] | None = None  # computed on first use
         self._empty = int(GL.glGenVertexArrays(1))
