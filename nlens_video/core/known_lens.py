@@ -192,6 +192,17 @@ class KnownLens:
         return LensPrior(intercept=Expected(-slope.value * focus.value, error))
 
     @property
+    def tells_aperture(self) -> bool:
+        """Whether its parts tell the diameter of the aperture."""
+        size = (self.focal_mm, self.sensor_mm, self.sensor_long_mm)
+        return self.f_number is not None and any(one is not None for one in size)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is a lens by itself: its aperture and what it is focused on."""
+        return self.tells_aperture and self.focus_m is not None
+
+    @property
     def fov_x_deg(self) -> float | None:
         """Field of view across the frame, None where it is not known [deg]."""
         if self.focal_mm is None or self.sensor_mm is None:

@@ -27,3 +27,21 @@ def test_plan_names_what_motion_blurs_beside_the_object_only_where_it_is_drawn(w
     run = nlens(*words, *more)
     (line,) = [one for one in run.stdout.splitlines() if one.startswith("effect motion-blur")]
     assert line.endswith(told), line
+
+
+@pytest.mark.parametrize(
+    ("lens", "told"),
+    [
+        ("f/2.8", True),
+        ("50mm", True),
+        ("sensor full-frame", True),
+        ("50mm f/2.8", False),
+        ("f/2.8 sensor full-frame", False),
+        ("focus 2m", False),
+    ],
+)
+def test_lens_whose_parts_do_not_tell_the_blur_is_told(tmp_path, lens, told):
+    folder = shots.write_shot(tmp_path, 1)
+    run = nlens(folder / "in.mp4", folder / "anim.glb", folder / "out.mp4", "--lens", lens)
+    assert ("--lens changes nothing" in run.stderr) == told, run.stderr
+    assert run.returncode == 0

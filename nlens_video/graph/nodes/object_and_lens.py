@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
-from nlens_video.core.known_lens import UNKNOWN_LENS
+from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS, SELF_SHADOW
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
@@ -54,7 +54,8 @@ class EstimateCoc(Node):
 
     def __init__(self, context: NodeContext) -> None:
         self._estimate = context.estimate_coc
-        self._needs_plate = context.known_lens == UNKNOWN_LENS and not context.fallback_constant
+        known = context.known_lens.completed_by(context.tagged_lens)
+        self._needs_plate = not known.is_whole and not context.fallback_constant
         self._untold = False
         self.description = "F: CoC network, onnxruntime on the CPU"
 
@@ -105,6 +106,12 @@ class FitNode(Node):
         self._fallback_constant = context.fallback_constant
         self.description = "R: robust V-fit over the ground plane"
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That what `--lens` gives does not tell the blur."""
+        given = replace(self._known, prefer=None) != UNKNOWN_LENS
+        return _unused(self._with_tags, scaled=self._unit_m is not None) if given else ()
+
     def __call__(
         self,
         plate_coc: CocMap,
@@ -140,6 +147,23 @@ class FitNode(Node):
         regression = replace(found.regression, fit=fit)
         warning = found.warning or _warning(fit, ground)
         return FoundLens(fit=fit, regression=regression, warning=warning)
+
+
+def _unused(known: KnownLens, *, scaled: bool) -> tuple[str, ...]:
+    """A note where the parts of a lens, with the metadata's, do not tell the blur."""
+    if known.is_whole:
+        return ()
+    if not scaled:
+        return (
+            "--lens changes nothing: where the scale of the scene is not known, it takes the "
+            "f-number, the focal length or sensor, and the focused distance together",
+        )
+    if known.tells_aperture or known.focus_m is not None:
+        return ()
+    return (
+        "--lens changes nothing: it takes the focused distance, or the f-number together with the "
+        "focal length or the sensor",
+    )
 
 
 def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensFit:
