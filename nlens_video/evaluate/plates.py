@@ -189,6 +189,8 @@ def read_codes(path: Path, size: tuple[int, int] | None = None, *, rgba: bool = 
     Raises:
         InputError: it cannot be read as that.
     """
+    if not path.is_file():  # OpenCV warns by itself
+        raise InputError(f"{path}: no such file")
     raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     channels = (4,) if rgba else (3, 4)
     if (

@@ -79,7 +79,7 @@ def find_moving_foreground(
     model = survey.model()
     if model is None:
         return None, Finding("too few frames to know the background from")
-    if not model.is_static:
+    if not survey.is_static(model):
         return None, Finding("the camera moves, or most of the picture; give --holdout PATH")
     certainty = model.certainty(object_box)
     if certainty < MIN_CERTAINTY:

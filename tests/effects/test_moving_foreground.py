@@ -76,7 +76,33 @@ def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
     found = survey.model()
     assert found.has_motion(Box(80, 40, 110, 80)) and not found.has_motion(Box(0, 104, 200, 120))
     assert found.certainty(Box(80, 40, 110, 80)) == 1.0
-    assert found.is_static
+    assert survey.is_static(found)
+
+
+def view_of(kind, index, light):
+    """A frame of 40 (h, w, 3), of light that is wider than it."""
+    rng = np.random.default_rng(index)
+    left = {"pan": 2 * index, "late pan": 8 * max(0, index - 30), "shake": rng.integers(0, 5)}
+    seen = np.roll(light, -left.get(kind, 20), axis=1)[:, 20 : 20 + SHAPE[1]].copy()
+    if kind == "passer-by":
+        seen[10:, 6 * index - 30 : 6 * index + 10] = RED
+    return sqrt_light(seen)
+
+
+@pytest.mark.parametrize(
+    ("kind", "static"),
+    [("passer-by", True), ("pan", False), ("late pan", False), ("shake", False)],
+)
+def test_camera_is_static_though_somebody_passes_through_the_whole_picture(kind, static):
+    rng = np.random.default_rng(1)
+    light = rng.uniform(0.05, 0.8, (40, 100, 3)).astype(np.float32)
+    light = cv2.resize(light, (300, SHAPE[0]), interpolation=cv2.INTER_CUBIC).clip(0.02, 0.9)
+    survey = BackgroundSurvey(SHAPE[::-1])
+    for index in range(40):
+        survey.add(view_of(kind, index, light))
+    model = survey.model()
+    assert survey.is_static(model) == static
+    assert not static or model.changed.mean() > 0.75
 
 
 @pytest.mark.parametrize(("side", "far"), [(6, 0), (8, 4)])

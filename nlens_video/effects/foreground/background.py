@@ -37,6 +37,9 @@ _STATIONARY_FRAMES = 3  # frames on which such an area changes by half that frac
 _MIN_PATH_AREA = 1.6  # area that a moving target sweeps over the shot, by `MIN_BLOB_AREA` [1]
 _MAX_STATIC_NOISE = 8.0 / 255.0  # noise of a pixel above which the camera seems to move [1]
 _MAX_NOISY, _MAX_CHANGED = 0.25, 0.75  # fractions of the pixels, in a shot of a static camera [1]
+_PASSED_BY = 0.7  # fraction of the frames that show the background where something passes [1]
+_MIN_PASSED = 0.9  # least share of such pixels among the changing ones, if nearly all change [1]
+_MAX_AT_ONCE = 0.5  # and largest share of the pixels that change on one frame [1]
 
 
 def lowres_size(width: int, height: int) -> tuple[int, int]:
@@ -133,6 +136,23 @@ class BackgroundSurvey:
             agreement=self._sampler.agreement(roots, noise), seen=seen,
         )  # fmt: skip
 
+    def is_static(self, model: BackgroundModel) -> bool:
+        """Whether the camera, and most of the picture at a time, does not move.
+
+        Args:
+            model: of this survey.
+        """
+        if float((model.noise > _MAX_STATIC_NOISE)[model.seen].mean()) >= _MAX_NOISY:
+            return False
+        changed = _opening(model.changed, 2) & model.seen
+        if changed.sum() < _MAX_CHANGED * model.seen.sum():
+            return True
+        if float((model.agreement[changed] >= _PASSED_BY).mean()) < _MIN_PASSED:
+            return False
+        limit = np.maximum(np.float32(MIN_CHANGE), 4.0 * model.noise)
+        deviations = self._sampler.deviations(model.roots)
+        return max(float((one >= limit)[model.seen].mean()) for one in deviations) < _MAX_AT_ONCE
+
     def _travelled(self, roots: Float32, changed: Bool, limit: float) -> Bool:
         """Where (h, w) the changes are those of a target that travels.
 
@@ -194,13 +214,6 @@ class BackgroundModel:
         if lowres.empty:
             return False
         return bool(self.travelled[lowres.slices_in(Box(0, 0, *self.noise.shape[::-1]))].any())
-
-    @property
-    def is_static(self) -> bool:
-        """Whether the camera, and most of the picture, does not move."""
-        noisy = float((self.noise > _MAX_STATIC_NOISE)[self.seen].mean())
-        changed = float(_opening(self.changed, 2)[self.seen].mean())
-        return noisy < _MAX_NOISY and changed < _MAX_CHANGED
 
     def certainty(self, box: Box) -> float:
         """Fraction of a box at full resolution whose background most frames show [1]."""
