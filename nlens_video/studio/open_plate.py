@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import count
 
+from nlens_video.core.errors import InputError
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
@@ -39,8 +41,16 @@ class Plate:
             most = MOST_PICTURES if frames.info.kind in ("video", "sequence") else 1
             return tuple(frame.picture for frame in frames.first(0, most))
 
+        def from_start(*, sparse: bool = False) -> Iterator[SourceFrame]:
+            for index in count():
+                try:
+                    yield frames.frame(index)
+                except InputError:  # it has no more
+                    return
+
         estimate = lazy_coc_estimator(frames.info.pixel_aspect, choose("auto"))
-        return cls(source, frames, PlatePreview(pictures, start), _remembering(estimate))
+        preview = PlatePreview(pictures, start, from_start=from_start)
+        return cls(source, frames, preview, _remembering(estimate))
 
     def first(self) -> tuple[SourceFrame, ...]:
         """The frame on which the lens is found, and those after it that are looked at with it."""

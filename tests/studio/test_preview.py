@@ -122,6 +122,22 @@ def test_picture_of_a_moving_sun_has_its_shadow_and_guides(tmp_path, stage):
     assert (shaded & inside).sum() > 0.9 * shaded.sum()
 
 
+def test_black_beginning_of_a_shot_is_drawn_as_a_run_renders_it(tmp_path, stage):
+    shots.cube_glb(tmp_path / "bare.glb", camera=False, sun=False)
+    shots.fit_json(tmp_path / "fit.json")
+    for index, rgb in enumerate((np.zeros_like(shots.plate()), shots.plate(), shots.plate())):
+        shots.write_png(tmp_path / f"in_{index}.png", rgb)
+    tables = copy.deepcopy(TABLES) | {"plate": {"file": "in_%d.png"}, "light": {"sun": [60, 40, 2]}}
+    tables |= {"effects": {"effects": "defocus,exposure"}, "quality": {"preset": "realtime"}}
+    tables["output"] = {"file": "out.png"}
+    state = ShotState(tmp_path / "shot.toml", tables)
+    drawn = stage.draw(state.settings(tables), 0).picture.srgb()
+    state.save(tables)
+    assert nlens(state.path, "--frame", "0", "-q", "-y").returncode == 0
+    rendered = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
+    np.testing.assert_array_equal(np.round(255.0 * drawn).astype(np.uint8), rendered)
+
+
 def test_white_lines_enclose_the_ground_that_is_in_focus(tmp_path, stage):
     """Disparity grows evenly from the horizon down, so the lens tells the rows."""
     state = ShotState(write_shot(tmp_path), TABLES)
