@@ -120,7 +120,7 @@ class GraphExecutor:
         zoom: of the camera, which takes a lens that is kept along; None where it does not zoom.
 
     Attributes:
-        fit: the lens, once found or given.
+        fit, track: the lens, once found or given; all along the file, None where it rests.
         shot: what the lens was found from.
     """
 
@@ -135,7 +135,7 @@ class GraphExecutor:
         self.graph, self.profiler = graph, profiler
         self.fit = fit.at(0) if isinstance(fit, FitTrack) else fit
         self.shot = ShotValues()
-        self._track = fit if isinstance(fit, FitTrack) else None
+        self.track = fit if isinstance(fit, FitTrack) else None
         self._begins = True
         self._live, self._zoom = live, zoom
         self._frame_box = Box(0, 0, 0, 0)
@@ -147,14 +147,14 @@ class GraphExecutor:
         found, live = self.shot.found_lens, self._live
         return (
             *([found.warning] if found is not None and found.warning else []),
-            *([self._track.describe()] if self._track is not None else []),
+            *([self.track.describe()] if self.track is not None else []),
             *([live.describe()] if live is not None and live.fits > 1 else []),
             *(note for node in self.graph.nodes for note in node.notes),
         )
 
     def pin_fit(self, fit: LensFit) -> None:
         """Use this lens, in pixels of this stream, from now on and ignore its changes."""
-        self._track = self._live = None
+        self.track = self._live = None
         self.fit = fit
         if self._zoom is not None:
             self._zoom.fitted_s = None
@@ -205,8 +205,8 @@ class GraphExecutor:
 
     def _give_lens(self, state: FrameState) -> None:
         state.values.fit = self.fit
-        if self._track is not None:
-            state.values.fit = self._track.at(state.frame.index)
+        if self.track is not None:
+            state.values.fit = self.track.at(state.frame.index)
             self.fit, self._begins = (state.values.fit if self._begins else self.fit), False
         elif self._live is not None and self.fit is not None:
             self._follow(state, self._live)

@@ -14,6 +14,7 @@ from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.executor import FrameState
 from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.checks.lens_told import check_lens_told
+from nlens_video.run.checks.plate_checks import notes_on_given_focus
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers, save_fit
 from nlens_video.run.open_run import open_run
@@ -62,7 +63,8 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
         first = settings.source.frames[0]
         with replacing(settings.save_fit) as partial:
             partial.write_text(track.to_json(first))
-        return FitOutcome(fit=track.at(first), path=settings.save_fit, notes=(track.describe(),))
+        notes = (track.describe(), *notes_on_given_focus(settings, track))
+        return FitOutcome(fit=track.at(first), path=settings.save_fit, notes=notes)
     profiler = Profiler(settings.budget_ms)
     with ExitStack() as stack:
         others = samples_of_other_frames(settings)

@@ -305,6 +305,19 @@ def test_focus_that_is_given_does_not_hold_a_lens_that_changes(pulled):
     assert free is not None and told == free
 
 
+@pytest.mark.slow
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("command", [(), ("fit",)])
+def test_focus_that_is_given_is_said_not_to_be_used_where_the_lens_changes(
+    pulled, tmp_path, capsys, command
+):
+    plate, glb = arguments(pulled)[:2]
+    out = str(tmp_path / ("fit.json" if command else "out_%04d.png"))
+    words = [*command, plate, glb, out, "--input-rate", "25", "--lens", "focus 2m"]
+    assert main([*words, *(() if command else ("--preset", "draft"))]) == 0
+    assert "the focus of --lens is not used" in capsys.readouterr().err
+
+
 def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
     kept = shots.fit_json(tmp_path / "fit.json")
     assert FitTrack.load(kept) is None

@@ -12,6 +12,7 @@ from nlens_video.run.checks.cut import CutCheck
 from nlens_video.run.checks.drift import DriftCheck
 from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.checks.zoom import ZoomCheck
+from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceInfo
 
 
@@ -22,6 +23,7 @@ def notes_beforehand(settings: Settings, info: SourceInfo, session: Session) -> 
         *notes_on_fields(info),
         *notes_on_camera_frames(session.view.solved, info, frames),
         *_unused_beside_a_fit(settings),
+        *notes_on_given_focus(settings, session.executor.track),
     )
 
 
@@ -38,6 +40,18 @@ def _unused_beside_a_fit(settings: Settings) -> tuple[Note, ...]:
         Note(f"{option}: --fit gives the lens, so it changes nothing; leave one of them out")
         for option, is_given in given.items()
         if is_given
+    )
+
+
+def notes_on_given_focus(settings: Settings, track: FitTrack | None) -> tuple[Note, ...]:
+    """A note where the focus of `--lens` is not used, since the lens changes along the file."""
+    if track is None or settings.lens.focus_m is None or settings.fit is not None:
+        return ()
+    return (
+        Note(
+            "the focus of --lens is not used, since the lens changes and nobody says when it was "
+            "so; --track-focus off holds it"
+        ),
     )
 
 
