@@ -12,13 +12,13 @@ from typing import Self
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box, Picture
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.graph.base.live_lens import LiveLens
 from nlens_video.graph.base.node import LANES, Lane, Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
 from nlens_video.graph.base.values import FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.scheduler import Worker
-from nlens_video.stages.r_lens_change import LiveLens
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceFrame
 

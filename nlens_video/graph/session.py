@@ -19,6 +19,7 @@ from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import CocEstimator, NodeContext
 from nlens_video.graph.base.followed_lens import DISTORTION, followed_distortion
 from nlens_video.graph.base.ground_level import note_on_ground
+from nlens_video.graph.base.live_lens import LiveLens
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import is_placed, load_scene, stage
 from nlens_video.graph.base.plate_preview import PlatePreview
@@ -39,7 +40,6 @@ from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.r_lens_change import LiveLens
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples
 

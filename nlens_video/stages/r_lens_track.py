@@ -1,6 +1,6 @@
 """R over time: smooths the fits of a lens that changes over a shot of a file.
 
-A file is fitted in a pass of its own; streams are followed by `r_lens_change.LiveLens`.
+A file is fitted in a pass of its own; streams are followed by `graph.base.live_lens`.
 """
 
 from __future__ import annotations

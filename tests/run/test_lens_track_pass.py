@@ -14,12 +14,12 @@ from nlens_video import Compositor
 from nlens_video.cli.main import main
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.graph.base.live_lens import LiveLens
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.stages.r_lens_change import (
     CHANGED,
-    LiveLens,
     changed,
     differs,
     is_cut,

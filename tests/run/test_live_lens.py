@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.stages.r_lens_change import CHANGED, EVERY, LiveLens
+from nlens_video.graph.base.live_lens import EVERY, LiveLens
+from nlens_video.stages.r_lens_change import CHANGED
 
 REST_S, SEEN = 1.0, 0.07  # before the pull; relative change of the focus that is detected
 

@@ -1,0 +1,182 @@
+"""The lens of a live stream, which follows fits as they are found.
+
+A change is detected only after it occurred (`stages.r_lens_change`); the lens then moves towards
+the newest fit by a fixed share per frame.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from nlens_video.core.layers import Picture
+from nlens_video.core.lens_fit import LensFit
+from nlens_video.stages.r_lens_change import (
+    AT_REST,
+    CHANGED,
+    SETTLED_CHANGE,
+    SETTLED_S,
+    Signature,
+    changed,
+    differs,
+    is_cut,
+    signature,
+    stands_still,
+)
+
+EVERY = 3
+"""Frames from one change detection to the next."""
+_SPACING_S = 0.1  # least time between two fits [s]
+_SMOOTHING_S = 0.14  # time constant of the smoothing [s]
+_AHEAD_S = 0.1  # by which it aims ahead while the lens moves, most of what the smoothing lags [s]
+_GOES_ON_S = 0.2  # without a new fit after which a change may be over [s]
+_LONGER = 1.25  # the same, by the time between the last two fits [1]
+_SHOWS = 1.5  # change that would show by now if the lens moved on, by `AT_REST` [1]
+_SETTLES = 4  # times `SETTLED_S` for which the end of a change is looked for [1]
+
+
+@dataclass(frozen=True, slots=True)
+class _Moving:
+    """How the blur changed before the last fit of a live stream; not at all by default.
+
+    Attributes:
+        change: since it rested last, or since the fit before if it did not rest in between.
+        frames: in which it changed so [1].
+        of: change since the fit before, rest included.
+        rested: frames from the last fit to where it rested last [1].
+        change_at_rest: from the last fit to there.
+    """
+
+    change: float = 0.0
+    frames: int = 0
+    of: float = 1.0
+    rested: int = 0
+    change_at_rest: float = 0.0
+
+    def expected(self, since: int) -> float:
+        """Change of the blur some frames after the last fit, if it goes on; inf at rest."""
+        return self.change / self.frames * since if self.frames else math.inf
+
+    def fitted(self, change: float, since: int) -> _Moving:
+        """Of another fit, on a frame whose blur differs from that of the last."""
+        return _Moving(change - self.change_at_rest, since - self.rested, change)
+
+    @property
+    def share_in_a_frame(self) -> float:
+        """Of the change from fit to fit, what a frame brought [1]."""
+        return self.change / self.of / self.frames if self.frames else 0.0
+
+
+class LiveLens:
+    """Exponential smoothing of the fits on a live stream; jumps at cuts only.
+
+    Between two fits of a lens that changes the change of the last two goes on, for as long as it
+    took, and a little ahead, so that the lens lags behind neither by that time nor by its
+    smoothing. For a while after a change smaller ones call for a fit, so that its end is followed.
+
+    Args:
+        frame_s: from one frame to the next, > 0 [s].
+
+    Attributes:
+        spacing: least number of frames between two fits.
+        fits: how many fits have moved the lens.
+    """
+
+    def __init__(self, frame_s: float) -> None:
+        self._share = 1.0 - math.exp(-frame_s / _SMOOTHING_S)
+        self.spacing = max(EVERY, round(_SPACING_S / frame_s))
+        self._goes_on = max(EVERY, round(_GOES_ON_S / frame_s))
+        self._ahead = _AHEAD_S / frame_s
+        self._reference: Signature | None = None
+        self._before: Signature | None = None
+        self._cut = False
+        self._still = True
+        self._target: LensFit | None = None
+        self._now: LensFit | None = None
+        self._age = 0  # frames since the last fit
+        self._rate = (0.0, 0.0)  # change of slope and intercept in a frame
+        self._moving = _Moving()
+        self._settled = max(2, round(SETTLED_S / frame_s))
+        self._fitted = 0  # index of the frame that called for the last fit
+        self._moved = -math.inf  # and of the last one whose change was more than `CHANGED`
+        self.fits = 0
+
+    def needs_refit(self, index: int, picture: Picture) -> bool:
+        """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
+        if self._reference is not None and index % EVERY:
+            return False
+        seen = signature(picture)
+        before, self._before = self._before, seen
+        if self._reference is None or before is None:
+            self._reference, self._fitted = seen, index
+            return False
+        self._cut = self._cut or is_cut(before, seen)
+        if self._cut:
+            self._fitted, self._moving = index, _Moving()
+        elif not self.calls_for_fit(changed(self._reference, seen), index):
+            return False
+        self._still = stands_still(self._reference, seen)
+        self._reference = seen
+        return True
+
+    def calls_for_fit(self, change: float, index: int) -> bool:
+        """Whether the lens is fitted again on a frame; if not, whether it rests is noted.
+
+        Args:
+            change: of the blur since the frame of the last fit, as `changed`.
+            index: of the frame.
+        """
+        since = index - self._fitted
+        if since < self.spacing:
+            return False
+        comes_to_rest = since >= self._settled and index - self._moved <= _SETTLES * self._settled
+        if change > (SETTLED_CHANGE if comes_to_rest else CHANGED):
+            self._moving, self._fitted = self._moving.fitted(change, since), index
+            self._moved = self._moved if comes_to_rest else index
+            return True
+        if change < AT_REST and self._moving.expected(since) >= _SHOWS * AT_REST:
+            self._rate = (0.0, 0.0)
+            self._moving = _Moving(rested=since, change_at_rest=change)
+        return False
+
+    def found(self, fit: LensFit) -> None:
+        """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
+
+        Within a shot, a fit that does not differ from the last by more than its error is left out.
+        """
+        if self._target is not None and not self._cut:
+            if not differs(self._target, fit, still=self._still):
+                return
+        self._rate = self._change_to(fit)
+        self._target, self._age = fit, 0
+        self.fits += 1
+        if self._now is None or self._cut:
+            self._now = fit
+        self._cut = False
+
+    def step(self) -> LensFit | None:
+        """The lens of the next frame; None before the first fit."""
+        now, target = self._now, self._target
+        if now is None or target is None or now is target:
+            return now
+        frames = self._moving.frames
+        rests = self._age > max(self._goes_on, _LONGER * frames)  # no new fit for long
+        goes_on = 0.0 if rests else min(self._age + self._ahead, frames)
+        self._age += 1
+        slope = target.slope + goes_on * self._rate[0]
+        intercept = target.intercept + goes_on * self._rate[1]
+        slope = now.slope + self._share * (max(slope, 0.0) - now.slope)
+        intercept = now.intercept + self._share * (intercept - now.intercept)
+        self._now = replace(target, slope=slope, intercept=intercept)
+        return self._now
+
+    def _change_to(self, fit: LensFit) -> tuple[float, float]:
+        """Change of slope and intercept in a frame, as between this fit and the last."""
+        before, share = self._target, self._moving.share_in_a_frame
+        if before is None or self._cut:
+            return 0.0, 0.0
+        return share * (fit.slope - before.slope), share * (fit.intercept - before.intercept)
+
+    def describe(self) -> str:
+        """A note for the user."""
+        return f"the lens changes: followed by {self.fits} fits as they were found"
