@@ -134,6 +134,7 @@ class ShotFacts:
 
     Attributes:
         lamps: lights, of the file, the options or the environment map, that reach the ground.
+        on_object: those that reach the object at any moment.
         sun: whether one of them is a sun that the user gives.
         sun_from_plate: whether the plate alone gives the light, and with it a sun.
         pre_rendered: whether the object is a pre-rendered layer.
@@ -147,6 +148,7 @@ class ShotFacts:
     """
 
     lamps: int = 0
+    on_object: int = 0
     sun: bool = False
     sun_from_plate: bool = False
     pre_rendered: bool = False

@@ -50,8 +50,9 @@ def self_shadow(shot: ShotFacts) -> tuple[bool, str]:
     """Shadows of the object's parts, and of objects, on each other."""
     if shot.pre_rendered:
         return False, "pre-rendered layers are lit already"
-    if shot.lamps:
-        return True, f"cast by parts of the object on each other under {_count(shot.lamps)}"
+    if shot.on_object:
+        under = "a light" if shot.on_object == 1 else f"the strongest of {shot.on_object} lights"
+        return True, f"cast by parts of the object on each other under {under}"
     if shot.sun_from_plate:
         return True, "cast by parts of the object on each other where the plate tells a sun"
     return False, "no light source casts one"

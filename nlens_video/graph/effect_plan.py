@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.lens_fit import LensFit
@@ -36,7 +37,8 @@ from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.base.view import View
 from nlens_video.graph.pipeline_file import PipelineFile
-from nlens_video.scene.illumination import reaches
+from nlens_video.scene.illumination import on_ball, reaches
+from nlens_video.scene.plate_environment import Seat
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 
@@ -225,13 +227,14 @@ def _shot_facts(
     shutter: Shutter,
     measured: Mapping[str, Measurement],
 ) -> ShotFacts:
-    """The scene at time 0, as effects depend on it."""
+    """The scene at time 0, as effects depend on it, and its lights at any time."""
     posed = ground.pose(0.0)
     height = float(posed.bounds()[0, 1]) if objects.ground_y is None else objects.ground_y
     light = ground.light.on_ground(posed.lights)
     sun = ground.light.sun is not None and ground.light.sun.shines
     return ShotFacts(
         lamps=sum(reaches(lamp, height) for lamp in light.lamps) + sun,
+        on_object=max(map(partial(_lamps_on_object, ground), ground.moments)) + sun,
         sun=sun,
         sun_from_plate=ground.light.taken_from_plate,
         pre_rendered=ground.pre_rendered,
@@ -243,3 +246,13 @@ def _shot_facts(
         reflectance=objects.real.reflectance or 0.0,
         occlusion=occlusion,
     )
+
+
+def _lamps_on_object(ground: ShadowScene, time_s: float) -> int:
+    """Number of the file's lights, and of the environment map's, that reach the object."""
+    if not ground.light.count and ground.light.environment is None:
+        return 0
+    posed = ground.pose(time_s)
+    seat = Seat.of(posed.bounds(), 0.0)
+    lamps = ground.light.on_object(posed.lights).lamps
+    return sum(on_ball(lamp, seat.middle, seat.radius) > 0.0 for lamp in lamps)

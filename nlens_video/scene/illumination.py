@@ -20,8 +20,8 @@ LAMP_DIAMETER = math.radians(4.0)
 """Apparent size of a light whose size no file tells: glTF's lights are points [rad]."""
 _KEY_DIRECTION = np.array([-0.4, -0.8, -0.45]) / np.linalg.norm([-0.4, -0.8, -0.45])
 _KEY_SHARE = 0.6  # of the light on the ground; the rest comes from around
-_AROUND = 2.5  # light from around by that of the strongest lamp, where no file tells it
 _UP = np.array([0.0, 1.0, 0.0])
+_INSIDE = 0.25  # of an object's radius: no surface is nearer to a lamp than that [1]
 _EVERY_TURN = 6  # of `Lamp.turns`: enough for what surfaces that stand get of them
 MAX_LAMPS = 32
 """Maximum number of lights in rendering."""
@@ -181,20 +181,6 @@ class Illumination:
         lamps = (from_lamp(lamp, point) for lamp in self.lamps if reaches(lamp, float(point[1])))
         return np.asarray(sum(lamps, self.irradiance_around(_UP)))
 
-    def facing(self, point: Float64, nearest: float = 0.0) -> float:
-        """Luminous irradiance of surfaces at a point (3,) that face each of the lamps, summed.
-
-        Lamps that are nearer than `nearest` count as if they were there [scene unit].
-        """
-        least2 = max(nearest**2, np.finfo(np.float64).tiny)
-        found = 0.0
-        for lamp in self.lamps:
-            light, away = lamp.posed.light, point - lamp.posed.position
-            near = light.kind != "directional"
-            distance2 = max(float(away @ away), least2) if near else 1.0
-            found += light.intensity * float(np.array(light.color) @ LUMINANCE) / distance2
-        return found
-
     @property
     def level(self) -> float:
         """Luminous irradiance, averaged over surfaces of all directions, by distant light [1]."""
@@ -242,6 +228,39 @@ def reaches(lamp: Lamp, ground_y: float) -> bool:
     return bool(lamp.posed.position[1] > ground_y)
 
 
+def on_ball(lamp: Lamp, middle: Float64, radius: float) -> float:
+    """Luminous irradiance of surfaces in the middle of a ball that face a lamp.
+
+    Its range and its cone dim it as at the part of the ball where it is the brightest; 0 where its
+    light does not reach the ball.
+
+    Args:
+        lamp: the lamp.
+        middle: of the ball (3,) [scene unit].
+        radius: of it [scene unit].
+    """
+    posed, light = lamp.posed, lamp.posed.light
+    strength = light.intensity * float(np.array(light.color) @ LUMINANCE)
+    if light.kind == "directional":
+        return strength
+    away = middle - posed.position
+    distance = float(np.linalg.norm(away))
+    outside = distance > radius
+    if light.range is not None and outside:
+        strength *= max(0.0, 1.0 - ((distance - radius) / light.range) ** 4)
+    if light.kind == "spot" and outside:
+        aside = math.acos(min(max(float(away @ posed.direction) / distance, -1.0), 1.0))
+        nearest = max(aside - math.asin(radius / distance), 0.0)
+        strength *= float(_in_cone(light, np.cos(nearest)))
+    return strength / max(distance, _INSIDE * radius, math.sqrt(np.finfo(np.float64).tiny)) ** 2
+
+
+def _in_cone(light: Light, cosine: Float64) -> Float64:
+    """Share of a spot's light at angles off its axis: "Inner and Outer Cone Angles"."""
+    inner, outer = math.cos(light.inner_cone), math.cos(light.outer_cone)
+    return np.asarray(np.clip((cosine - outer) / max(1e-3, inner - outer), 0.0, 1.0) ** 2)
+
+
 def turned_about_up(vectors: Float64, turns: Float64) -> Float64:
     """Vectors turned about the vertical, counterclockwise from above (N, 3).
 
@@ -276,23 +295,6 @@ def from_lamp(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
     strength = np.maximum((unit * normal).sum(axis=-1), 0.0) / distance2
     if light.range is not None:
         strength = strength * np.clip(1.0 - (distance2 / light.range**2) ** 2, 0.0, 1.0)
-    if light.kind == "spot":  # "Inner and Outer Cone Angles"
-        inner, outer = math.cos(light.inner_cone), math.cos(light.outer_cone)
-        part = (unit @ -direction - outer) / max(1e-3, inner - outer)
-        strength = strength * np.clip(part, 0.0, 1.0) ** 2
+    if light.kind == "spot":
+        strength = strength * _in_cone(light, unit @ -direction)
     return np.asarray(strength[..., None] * color)
-
-
-def from_around(light: Illumination, ground: Float64) -> Float64:
-    """Irradiance (3,) of the ground at a point (3,) by all that is no lamp.
-
-    Where nothing is known of it, it is taken for a multiple of what the strongest lamp gives beyond
-    the others, which stand for such light. All together is white: a camera balances for that.
-    """
-    if light.ambient is not None:
-        return light.irradiance_around(_UP)
-    given = np.array([from_lamp(lamp, ground) for lamp in light.lamps]).reshape(-1, 3)
-    strengths = given @ LUMINANCE
-    strongest, all_ = float(strengths.max(initial=0.0)), float(strengths.sum())
-    around = _AROUND * max(0.0, 2.0 * strongest - all_)
-    return np.asarray(np.maximum(around + all_ - given.sum(axis=0), 0.0) * (around > 0.0))

@@ -18,6 +18,7 @@ from nlens_video.scene.illumination import (
     Illumination,
     Lamp,
     PosedLight,
+    on_ball,
     sun,
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
@@ -29,7 +30,6 @@ _SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is kno
 _ON_OBJECT = 0.35  # exponent of what its shadow leaves, for its share on the object: level unsure
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
-_INSIDE = 0.25  # of an object's radius: no surface is nearer to a lamp than that [1]
 _STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
 _SAME = 0.9999  # cosine of an angle between directions that are one
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
@@ -121,7 +121,7 @@ class SceneLight:
 
     def given(self, lights: tuple[PosedLight, ...], seat: Seat) -> float:
         """Luminous irradiance of what faces the file's lights on an object."""
-        return Illumination(self.lamps(lights), None).facing(seat.middle, _INSIDE * seat.radius)
+        return sum(on_ball(lamp, seat.middle, seat.radius) for lamp in self.lamps(lights))
 
     def with_sun(
         self,

@@ -36,7 +36,8 @@ def test_pipeline_with_every_node_keeps_all_planned_effects():
     ("scene", "effect", "wanted", "reason"),
     [
         (ShotFacts(), "self-shadow", False, "no light source"),
-        (ShotFacts(lamps=2), "self-shadow", True, "under 2 lights"),
+        (ShotFacts(on_object=1), "self-shadow", True, "under a light"),
+        (ShotFacts(on_object=2), "self-shadow", True, "the strongest of 2 lights"),
         (ShotFacts(sun_from_plate=True), "self-shadow", True, "tells a sun"),
         (ShotFacts(lamps=1, pre_rendered=True), "self-shadow", False, "lit already"),
         (ShotFacts(), "reflection", False, "give --ground-reflectance"),

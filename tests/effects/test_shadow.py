@@ -13,7 +13,7 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import hemisphere, surface_points
+from nlens_video.effects.shadow.ambient import from_around, hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.cast import CastShadow, Moment
@@ -32,7 +32,6 @@ from nlens_video.scene.illumination import (
     Lamp,
     Light,
     PosedLight,
-    from_around,
     from_lamp,
     hemispheres,
     sun,

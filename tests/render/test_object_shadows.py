@@ -151,6 +151,79 @@ def test_a_cutout_casts_its_holes_and_glass_casts_nothing(tmp_path, renderer):
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
+def test_what_alpha_blends_casts_a_shadow_where_it_hides_half(tmp_path, renderer):
+    lamp = Lamp(sun(np.full(3, 2.0), slanted(1.4)), math.radians(0.5))
+    lit, dark = {}, {}
+    for mode, alpha in (("OPAQUE", 1.0), ("BLEND", 0.9)):
+        scene = slab_below_a_card(tmp_path, alpha=alpha, alphaMode=mode)
+        lit[mode], seen = (
+            picture(renderer, scene, [lamp], above(), shadows=on) for on in (False, True)
+        )
+        dark[mode] = (seen < 0.5 * lit[mode]) & (lit["OPAQUE"] > 0.0)  # beside the black card
+    assert np.count_nonzero(dark["OPAQUE"]) > 500
+    assert np.count_nonzero(dark["OPAQUE"] ^ dark["BLEND"]) < 20
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_a_lamp_close_over_a_wide_slab_casts_shadows(tmp_path, renderer):
+    scene = slab_below_a_card(tmp_path, size=0.2, height=0.4)
+    light = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=2.0)
+    lamp = Lamp(PosedLight(light, np.array([-0.2, 0.6, 0.0]), DOWN), math.radians(0.5))
+    lit = picture(renderer, scene, [lamp], above(), shadows=False)
+    seen = picture(renderer, scene, [lamp], above())
+    columns = np.flatnonzero(((seen < 0.5 * lit) & (lit > 0.0)).any(axis=0))
+    # the card's right edge, 0.3 right of the lamp and 0.2 below it; the slab lies 0.6 below it
+    assert columns[-1] == pytest.approx(SIDE / 2 + 0.7 * SIDE / 2.4, abs=2.0)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_what_stands_far_off_makes_no_holes_in_thin_shadows(tmp_path, renderer):
+    lamp = Lamp(sun(np.full(3, 2.0), slanted(1.0)), math.radians(4.0))
+    seen = {}
+    for far in (0.0, 8.0):
+        builder = GlbBuilder()
+        white = material(builder)
+        lying(builder, 2.0, 0.0, number=white)
+        for z in np.linspace(-0.8, 0.7, 6):  # upright posts, which are lines from above
+            quad(
+                builder, (QUAD * (0.01, 0.6, 0.0) + (0.0, 0.3, 0.0)).astype(np.float32), white,
+                {"rotation": [0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)],
+                 "translation": [-0.8, 0.0, z]},
+            )  # fmt: skip
+        if far:
+            lying(builder, 0.5, 2.0, x=-far, number=white)
+        scene = Scene.load(builder.write(tmp_path / f"{far}.glb"))
+        seen[far] = picture(renderer, scene, [lamp], above())
+    assert np.abs(seen[0.0] - seen[8.0]).mean() < 2.5e-3
+
+
+def test_shadows_of_straight_edges_move_as_evenly_as_the_sun(tmp_path):
+    scene = slab_below_a_card(tmp_path, size=0.8)
+    frames = []
+    for number in range(16):
+        away = np.array([1.0 + 0.004 * number, -1.0, 0.3])
+        lamp = Lamp(sun(np.full(3, 2.0), away / np.linalg.norm(away)), math.radians(2.0))
+        frames.append(picture(SoftwareObjectRenderer, scene, [lamp], above()))
+    steps = np.sqrt((np.diff(frames, axis=0) ** 2).mean(axis=(1, 2)))
+    assert steps.max() < 1.6 * np.median(steps)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_axes_of_a_map_turn_evenly_with_the_light(seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(50):
+        axis = rng.normal(size=3) * (1.0, 0.4, 1.0)
+        axis[1] = abs(axis[1])
+        axis /= np.linalg.norm(axis)
+        beside = axis + 1e-4 * rng.normal(size=3)
+        beside[1] = abs(beside[1])
+        beside /= np.linalg.norm(beside)
+        axes, others = (np.stack([*light_depth._across(one), one]) for one in (axis, beside))
+        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+        assert np.abs(axes - others).max() < 2e-3
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
 def test_objects_cast_shadows_on_each_other(tmp_path, renderer):
     slab, card = GlbBuilder(), GlbBuilder()
     lying(slab, 2.0, 0.0, number=material(slab))
@@ -201,12 +274,8 @@ def test_maps_are_drawn_of_the_strongest_lamps_outside_of_the_object(tmp_path):
         return [Lamp(sun(np.full(3, level), slanted(0.1 * n))) for n, level in enumerate(levels)]
 
     assert LightDepth.of(posed, suns(1.0, 4.0, 0.9, 3.0), 128, Opacities()).lights == (1, 3, 0)
-    assert LightDepth.of(posed, suns(1.0, 1.1, 1.2, 1.3, 1.4), 128, Opacities()).lights == (
-        4,
-        3,
-        2,
-        1,
-    )
+    five = LightDepth.of(posed, suns(1.0, 1.1, 1.2, 1.3, 1.4), 128, Opacities())
+    assert five.lights == (4, 3, 2, 1)
     assert LightDepth.of(posed, [], 128, Opacities()) is None
     inside = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1000.0)
     lamp = Lamp(PosedLight(inside, np.array([0.2, 0.3, 0.0]), DOWN))

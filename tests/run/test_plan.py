@@ -1,8 +1,10 @@
 """The plan tells of what is drawn, and of nothing else."""
 
+import numpy as np
 import pytest
 from support import shots
 from support.command import nlens
+from support.glb_builder import GlbBuilder
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +47,26 @@ def test_lens_whose_parts_do_not_tell_the_blur_is_told(tmp_path, lens, told):
     run = nlens(folder / "in.mp4", folder / "anim.glb", folder / "out.mp4", "--lens", lens)
     assert ("--lens changes nothing" in run.stderr) == told, run.stderr
     assert run.returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ([[0.6, 0.0, 0.0, 0.8], [-0.5, 0.2, 0.0, 0.84]], True),  # rises in the shot
+        ([[0.0, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 1.0]], True),  # level
+        (None, False),
+    ],
+)
+def test_objects_shade_themselves_by_any_light_that_reaches_them_in_the_shot(tmp_path, keys, told):
+    shots.write_video(tmp_path / "in.mp4", 3)
+    builder = GlbBuilder()
+    mesh = builder.mesh(shots.CUBE, shots.CUBE_FACES)
+    builder.node(mesh=mesh, translation=[0.0, 0.0, -1.6], scale=[0.35] * 3)
+    lens = builder.camera(shots.YFOV, aspect=shots.WIDTH / shots.HEIGHT)
+    builder.node(camera=lens, matrix=shots.camera_pose().T.ravel().tolist())
+    if keys is not None:
+        light = builder.light(intensity=2.0)
+        builder.animation((light, "rotation", [0.0, 0.1], np.float32(keys), "LINEAR"))
+    glb = builder.write(tmp_path / "a.glb")
+    run = nlens(tmp_path / "in.mp4", glb, tmp_path / "o.mkv", "--plan", "--fallback", "constant")
+    assert ("each other under a light" in run.stdout) == told, run.stdout

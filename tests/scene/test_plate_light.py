@@ -16,6 +16,7 @@ from nlens_video.scene.illumination import (
     Light,
     PosedLight,
     hemispheres,
+    on_ball,
     sun,
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment, sphere
@@ -275,6 +276,29 @@ def test_point_light_is_exposed_by_what_arrives_at_the_object():
     )
     kept = SceneLight(1).on_object((lamp,), beside).lamps[0].posed.light.intensity
     assert 1.5 < kept / 3.0**2 < 4.0
+
+
+@pytest.mark.parametrize(
+    ("aside", "told"),
+    [
+        (Light(kind="spot", color=(1.0, 1.0, 1.0), intensity=1e4, outer_cone=0.3), False),
+        (Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1e4, range=0.5), False),
+        (Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1e4, range=9.0), True),
+    ],
+)
+def test_light_that_does_not_reach_the_object_exposes_nothing(aside, told):
+    key = sun(np.full(3, 2.0), DOWN)
+    place = SEAT.middle + (2.0 * SEAT.radius + 1.0, 0.0, 0.0)
+    other = PosedLight(aside, place, np.array([1.0, 0.0, 0.0]))
+    assert (SceneLight(2).given((key, other), SEAT) > 2.001) == told
+
+
+def test_part_of_an_object_in_the_cone_of_a_spot_is_reached():
+    light = Light(kind="spot", color=(1.0, 1.0, 1.0), intensity=9.0, outer_cone=0.3)
+    place = np.array([0.0, 3.0, 0.0])
+    for aside, reached in ((0.0, True), (0.5, True), (1.5, True), (2.5, False)):
+        lamp = Lamp(PosedLight(light, place + (aside, 0.0, 0.0), DOWN))
+        assert (on_ball(lamp, np.zeros(3), 1.0) > 0.0) == reached
 
 
 def test_ground_that_is_dark_before_a_bright_sky_lies_in_little_light():

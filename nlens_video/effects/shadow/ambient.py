@@ -12,7 +12,7 @@ import numpy as np
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Int32
-from nlens_video.scene.illumination import LUMINANCE, polynomial
+from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp, polynomial
 from nlens_video.scene.patches import points_by_area
 
 _GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))  # of a turn: Vogel's spiral
@@ -22,6 +22,7 @@ _POINTS = 128  # of the casters' surface, to which the distance of the ground is
 _EVERY = 4  # the distance is measured on every so many pixels each way
 _FINEST_PX = 0.7  # standard deviation below which nothing is smoothed
 _LEVELS = 7
+_GUESSED = 2.5  # light from around by that of the strongest lamp, where no file tells it
 _FAINT = 0.03  # a share that is not visible: bounds the reach of contact darkening
 _DARKEST = 0.1  # of the mean: radiance of second order rings below zero beside a bright part
 # Of a Lambert surface's response to each term of `Illumination.ambient` (Ramamoorthi and
@@ -199,3 +200,18 @@ def _soft(hidden: Float32, sigma_px: float, slant: float) -> Float32:
         hidden, (0, 0), sigmaX=sigma_px, sigmaY=down, borderType=cv2.BORDER_REPLICATE
     )
     return np.asarray(soft, dtype=np.float32)
+
+
+def from_around(light: Illumination, ground: Float64) -> Float64:
+    """Irradiance (3,) of the ground at a point (3,) by all that is no lamp.
+
+    Where nothing is known of it, it is taken for a multiple of what the strongest lamp gives beyond
+    the others, which stand for such light. All together is white: a camera balances for that.
+    """
+    if light.ambient is not None:
+        return light.irradiance_around(np.array([0.0, 1.0, 0.0]))
+    given = np.array([from_lamp(lamp, ground) for lamp in light.lamps]).reshape(-1, 3)
+    strengths = given @ LUMINANCE
+    strongest, all_ = float(strengths.max(initial=0.0)), float(strengths.sum())
+    around = _GUESSED * max(0.0, 2.0 * strongest - all_)
+    return np.asarray(np.maximum(around + all_ - given.sum(axis=0), 0.0) * (around > 0.0))

@@ -19,7 +19,12 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import smoothed, surface_points, visible_contact
+from nlens_video.effects.shadow.ambient import (
+    from_around,
+    smoothed,
+    surface_points,
+    visible_contact,
+)
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.bounce import bounce, sent_light
@@ -27,7 +32,7 @@ from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_
 from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, Lamp, from_around, from_lamp, reaches
+from nlens_video.scene.illumination import Illumination, Lamp, from_lamp, reaches
 from nlens_video.scene.patches import PosedPatches
 
 _COARSE = 4  # contact darkening and shadows of unsure lamps are smooth: step of their grid [px]

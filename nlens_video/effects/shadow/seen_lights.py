@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.ambient import (
     blurred,
+    from_around,
     hemisphere_spacing,
     pattern_level,
     radiance,
@@ -34,7 +35,6 @@ from nlens_video.scene.illumination import (
     LUMINANCE,
     Illumination,
     Lamp,
-    from_around,
     from_lamp,
     reaches,
 )

@@ -15,7 +15,7 @@ namespace nlens {
 namespace {
 
 constexpr int kCell = 16;          // pixels of a cell each way
-constexpr int kSearched = 16;      // taps that look for what blocks the light
+constexpr float kNarrow = 6.0f;    // radius from which on more taps look for what blocks the light [px]
 constexpr float kSharpest = 1.0f;  // radius of the filter [px]
 constexpr float kBias = 1.0f, kSlopeBias = 0.5f, kSteepest = 64.0f;  // [px], of the slope, [1]
 
@@ -122,6 +122,11 @@ private:
     std::int32_t column_[kTaps], row_[kTaps], index_[kTaps];
     float across_[kTaps], down_[kTaps];
 };
+
+template <int kTaps>
+float blocker(const DepthMaps& maps, int number, const Receiver& at, float radius) {
+    return Taps<kTaps>(maps.nearness, number, at, radius, 0.0f).blocker();
+}
 
 template <int kTaps>
 float blocked_share(const DepthMaps& maps, int number, const Receiver& at, float radius) {
@@ -264,12 +269,14 @@ float visible(const DepthMaps& maps, int number, Vector place, Vector facet, Vec
         }
     }
     const int cell_x = static_cast<int>(at.column) / kCell, cell_y = static_cast<int>(at.row) / kCell;
-    if (!(maps.highest(number, cell_y, cell_x) > at.nearness + at.bias)) return 1.0f;
+    const float highest = maps.highest(number, cell_y, cell_x);
+    if (!(highest > at.nearness + at.bias)) return 1.0f;
     const auto radius = [&](float before) {
         return std::min(std::max(view[kSoftness] * before, kSharpest), view[kSoftest]);
     };
-    const float widest = radius(view[kHighest] - at.nearness);
-    const float before = Taps<kSearched>(maps.nearness, number, at, widest, 0.0f).blocker();
+    const float widest = radius(highest - at.nearness);
+    const float before =
+        widest <= kNarrow ? blocker<16>(maps, number, at, widest) : blocker<32>(maps, number, at, widest);
     if (!(before > 0.0f)) return 1.0f;
     const float own = radius(before);  // wide edges are drawn from more taps, so that none shows
     if (own <= 2.0f) return 1.0f - blocked_share<8>(maps, number, at, own);

@@ -20,7 +20,7 @@ struct DepthMaps {
 };
 
 // Numbers of a view: a matrix (4, 4), one for planes (3, 4), then these.
-constexpr int kPlanes4 = 16, kSoftness = 28, kLift = 29, kHighest = 30, kSoftest = 31, kViewNumbers = 32;
+constexpr int kPlanes4 = 16, kSoftness = 28, kLift = 29, kSoftest = 30, kViewNumbers = 32;
 
 // The number of a lamp's map, from its row of numbers (16,); -1 without one.
 inline int map_of(const float* lamp) {

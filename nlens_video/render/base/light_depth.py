@@ -21,7 +21,7 @@ from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.native import kernels
 from nlens_video.render.base.opacity import Opacities, texturing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import LUMINANCE, Lamp
+from nlens_video.scene.illumination import Lamp, on_ball
 from nlens_video.scene.posed import PosedMesh, PosedScene
 
 MOST = 4
@@ -33,8 +33,13 @@ CELL: int = kernels.LIGHT_DEPTH_CELL
 _SOFTEST = 1 / 16  # largest radius of the filter; shadows that are softer still come out harder [1]
 _MARGIN = 2  # around the object [px]
 _LIFT = 0.02  # of points whose triangle faces away from the light [1]
-_NEAREST = 1.1  # to the object's middle, of lamps that have a map [its radius]
+_NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
+_BESIDE = (
+    1.1  # from the object's middle, within which a lamp's map looks at the bounds [its radius]
+)
+_HALF = 0.5  # alpha from which on blended surfaces block the light [1]
 _FAINT = 0.25  # of the strongest lamp's light, below which another has no map [1]
+_TURN = math.atan(0.15)  # of a map: edges along the scene's axes lie across its pixels [rad]
 _NOTHING = np.float32(-3.0e38)  # nearness where nothing is
 
 Cutout = tuple[Float32, Float32, tuple[int, int], float]
@@ -110,16 +115,14 @@ class LightDepth:
         """Numbers of each view (K, 32), for places relative to the eye (3,).
 
         Matrices (4, 4) of points and, of planes, (3, 4); softness, lift of points whose triangle
-        faces away [px], the highest nearness, and the largest radius of the filter [px].
+        faces away [px], the largest radius of the filter [px], and 0.
         """
         found, side = np.zeros((len(self.lights), 32)), self.nearness.shape[1]
-        for row, matrix, softness, highest in zip(
-            found, self.matrices, self.softness, self.highest, strict=True
-        ):
+        for row, matrix, softness in zip(found, self.matrices, self.softness, strict=True):
             own = matrix.copy()
             own[:, 3] += matrix[:, :3] @ eye
             row[:16], row[16:28] = own.ravel(), np.linalg.inv(own).T[:3].ravel()
-            row[28:32] = softness, _LIFT * side, highest.max(), _SOFTEST * side
+            row[28:31] = softness, _LIFT * side, _SOFTEST * side
         return found.astype(np.float32)
 
     def maps(self, eye: Float64) -> DepthMaps:
@@ -161,15 +164,19 @@ def _key(lamp: Lamp) -> tuple[object, ...]:
 
 
 def _casters(posed: PosedScene, opacities: Opacities) -> list[tuple[PosedMesh, Cutout]]:
-    """Meshes that are opaque, at least in places, and where; glass lets the light through."""
+    """Meshes that are opaque, at least in places, and where; glass lets the light through.
+
+    What alpha blends counts as opaque where it hides half of what is behind it.
+    """
     found = []
     for mesh in posed.drawn:
         opacity = opacities.of(mesh.geometry)
         if opacity is None:
             found.append((mesh, SOLID))
-        elif opacity.cutoff >= 0.0:
+        elif not mesh.geometry.material.layers.transmission:
             surface = np.ascontiguousarray(texturing(mesh.geometry), dtype=np.float32)
-            found.append((mesh, (surface, opacity.alpha, opacity.wrap, opacity.cutoff)))
+            cutoff = opacity.cutoff if opacity.cutoff >= 0.0 else _HALF
+            found.append((mesh, (surface, opacity.alpha, opacity.wrap, cutoff)))
     return found
 
 
@@ -178,12 +185,10 @@ def _strongest(lamps: Sequence[Lamp], bounds: Float64) -> list[int]:
     middle, radius = bounds.mean(axis=0), 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
     strengths = []
     for lamp in lamps:
-        light = lamp.posed.light
-        strength = light.intensity * float(np.array(light.color) @ LUMINANCE)
-        if light.kind != "directional":
-            distance = float(np.linalg.norm(lamp.posed.position - middle))
-            strength *= distance**-2 if distance > _NEAREST * radius else 0.0
-        strengths.append(strength)
+        position = lamp.posed.position
+        near = lamp.posed.light.kind != "directional"
+        away = np.linalg.norm(position - np.clip(position, *bounds)) if near else math.inf
+        strengths.append(on_ball(lamp, middle, radius) if away > _NEAREST * radius else 0.0)
     least = _FAINT * max(strengths)
     order = sorted(range(len(lamps)), key=lambda number: -strengths[number])
     return [number for number in order if 0.0 < strengths[number] >= least][:MOST]
@@ -195,10 +200,15 @@ def _matrix(lamp: Lamp, bounds: Float64) -> Float64:
     far = posed.light.kind == "directional"
     toward = -posed.direction if far else posed.position - middle
     distance = float(np.linalg.norm(toward))
-    axis = toward / distance
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    axes = np.stack([first, np.cross(axis, first), axis])
+    if not far and distance < _BESIDE * 0.5 * float(np.linalg.norm(bounds[1] - bounds[0])):
+        toward = posed.position - np.clip(posed.position, *bounds)  # all is before the lamp then
+    axis = toward / np.linalg.norm(toward)
+    first, second = _across(axis)
+    axes = np.stack([
+        math.cos(_TURN) * first + math.sin(_TURN) * second,
+        math.cos(_TURN) * second - math.sin(_TURN) * first,
+        axis,
+    ])  # fmt: skip
     matrix = np.eye(4)
     if far:
         matrix[:3, :3], matrix[:3, 3] = axes, -axes @ middle
@@ -208,6 +218,15 @@ def _matrix(lamp: Lamp, bounds: Float64) -> Float64:
         matrix[2, 3] = distance * distance
         matrix[3] = np.append(-axis, axis @ posed.position)
     return matrix
+
+
+def _across(axis: Float64) -> tuple[Float64, Float64]:
+    """Two unit vectors (3,) across one (3,), which turn evenly with it (Duff et al. 2017)."""
+    x, y, z = axis
+    sign = math.copysign(1.0, y)
+    part = -1.0 / (sign + y)
+    first = np.array([sign * x * z * part, -sign * z, 1.0 + sign * z * z * part])
+    return first, np.cross(axis, first)
 
 
 def _fitted(matrices: Float64, points: Float64, side: int) -> Float32:

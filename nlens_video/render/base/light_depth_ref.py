@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.render.base.light_depth import LightDepth
+from nlens_video.render.base.light_depth import CELL, LightDepth
 from nlens_video.scene.gltf.meshes import Int32
 
-_SHARPEST, _SEARCHED = 1.0, 16
+_SHARPEST, _NARROW = 1.0, 6.0
 _BIAS, _SLOPE_BIAS, _STEEPEST = 1.0, 0.5, 64.0
 
 
@@ -52,7 +52,7 @@ def visible(
         toward: direction to the light (3,).
     """
     traits = depth.rows(np.zeros(3))[number, 28:].astype(np.float64)
-    softness, lift, highest, softest = traits
+    softness, lift, softest, _ = traits
     seen = depth.matrices[number] @ np.append(place, 1.0)
     column, row, near = seen[:3] / seen[3]
     side = depth.nearness.shape[1]
@@ -78,7 +78,10 @@ def visible(
     def radius(nearer: float) -> float:
         return float(min(max(softness * nearer, _SHARPEST), softest))
 
-    blockers = [before(int(x), int(y)) for x, y in taps(radius(highest - near), _SEARCHED, 0.0)]
+    highest = float(depth.highest[number, int(row) // CELL, int(column) // CELL])
+    widest = radius(highest - near)
+    searched = taps(widest, 16 if widest <= _NARROW else 32, 0.0)
+    blockers = [before(int(x), int(y)) for x, y in searched]
     blockers = [one for one in blockers if one > 0.0]
     if not blockers:
         return 1.0

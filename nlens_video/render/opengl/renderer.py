@@ -133,9 +133,9 @@ class LinearRenderer(pyrender.Renderer):  # type: ignore[misc]  # untyped base
         GL.glBindBufferBase(GL.GL_UNIFORM_BUFFER, _FRAME, self._blocks[_FRAME])
         GL.glBufferData(GL.GL_UNIFORM_BUFFER, block.nbytes, block, GL.GL_DYNAMIC_DRAW)
         if view.lighting.surround is not None:
-            self._surround.bind(view.lighting.surround, _SURROUND_UNIT)
-        if view.lighting.depth is not None:
-            self._depth_maps.bind(view.lighting.depth.nearness, _DEPTH_UNIT)
+            self._surround.bind(_SURROUND_UNIT, view.lighting.surround)
+        if (depth := view.lighting.depth) is not None:
+            self._depth_maps.bind(_DEPTH_UNIT, depth.nearness, depth.highest)
 
     def _begin(self, target: FloatTarget, view: ViewSetup) -> None:
         GL.glDepthMask(GL.GL_TRUE)

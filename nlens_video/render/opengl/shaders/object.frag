@@ -52,7 +52,7 @@ uniform sampler2D surround_map;  // light from around, filtered: `Surround.level
 #endif
 
 #ifdef DEPTH_MAPS
-uniform sampler2D depth_maps;  // `LightDepth.nearness`, one map below another
+uniform sampler2D depth_maps;  // `LightDepth.nearness`, one map below another; below them `highest`
 #endif
 
 #ifdef USE_LIMIT
@@ -363,7 +363,8 @@ vec3 passed(vec3 base, float metallic, float nv)
 #endif
 
 #ifdef DEPTH_MAPS
-const int SEARCHED = 16;                                    // taps that look for what blocks
+const int CELL = 16;                                       // pixels of a cell of `highest` each way
+const float NARROW = 6.0;                                  // radius from which on more taps look [px]
 const float SHARPEST = 1.0;                                // radius of the filter [px]
 const float BIAS = 1.0, SLOPE_BIAS = 0.5, STEEPEST = 64.0;  // [px], of the slope, [1]
 
@@ -390,7 +391,7 @@ float blocks(int number, ivec2 at, vec3 there, vec2 slope, float bias)
 
 float filter_radius(vec4 traits, float before)
 {
-    return clamp(traits.x * before, SHARPEST, traits.w);
+    return clamp(traits.x * before, SHARPEST, traits.z);
 }
 
 // The share of a lamp's light that reaches the point, by percentage-closer soft shadows: as in the
@@ -399,7 +400,7 @@ float visible(int number, vec3 facet, vec3 n, vec3 l)
 {
     if (number < 0 || dot(n, l) <= 0.0) return 1.0;
     vec4 point = vec4(relative, 1.0);
-    vec4 traits = views[8 * number + 7];  // softness, lift, highest nearness, largest radius
+    vec4 traits = views[8 * number + 7];  // softness, lift, largest radius
     float w = dot(views[8 * number + 3], point);
     if (w <= 0.0) return 1.0;
     vec3 there = vec3(dot(views[8 * number], point), dot(views[8 * number + 1], point),
@@ -418,10 +419,14 @@ float visible(int number, vec3 facet, vec3 n, vec3 l)
             bias = min(BIAS + SLOPE_BIAS * steepness, bias);
         }
     }
-    if (traits.z <= there.z + bias) return 1.0;
-    float radius = filter_radius(traits, traits.z - there.z), sum = 0.0, count = 0.0;
-    for (int i = 0; i < SEARCHED; ++i) {
-        ivec2 at = ivec2(floor(there.xy + radius * disc_point(i, SEARCHED)));
+    int cells = int(size.x) / CELL;
+    ivec2 cell = ivec2(there.xy) / CELL;
+    float highest = texelFetch(depth_maps, ivec2(cell.x, DEPTH_MAPS * int(size.x) + number * cells + cell.y), 0).r;
+    if (highest <= there.z + bias) return 1.0;
+    float radius = filter_radius(traits, highest - there.z), sum = 0.0, count = 0.0;
+    int searched = radius <= NARROW ? 16 : 32;
+    for (int i = 0; i < searched; ++i) {
+        ivec2 at = ivec2(floor(there.xy + radius * disc_point(i, searched)));
         float blocked = blocks(number, at, there, slope, bias);
         sum += blocked > 0.0 ? nearness_at(number, at) - there.z : 0.0;
         count += blocked;
