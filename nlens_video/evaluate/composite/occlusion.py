@@ -2,7 +2,8 @@
 
 A clip is a folder as of `sequence`, which also holds `front/NNNN.png` (coverage by what is nearer
 than the object) and, in `params.json`, for each of the `frames` its `walkers`: `meets_px`, the
-pixels of the object that each shares, and whether it is `before` it.
+pixels of the object that each shares, and whether it is `before` it. A frame without truth is in
+no PSNR, one without the object in no figure of the matte.
 """
 
 from __future__ import annotations
@@ -177,7 +178,11 @@ def _matte(state: FrameState) -> Float32:
 def measure(
     sequence: Sequence, orders: tuple[FrameOrder, ...], frames: Iterator[FrameResult]
 ) -> tuple[dict[str, float], list[list[object]]]:
-    """Figures of a row on a clip, and of each frame: number, PSNR, before, error of the matte."""
+    """Figures of a row on a clip, and of each frame: number, PSNR, before, error of the matte.
+
+    Raises:
+        InputError: a file of a frame cannot be read, or has another size than the clip.
+    """
     size = sequence.fit.height, sequence.fit.width
     before_db: list[float] = []
     other_db: list[float] = []
@@ -190,14 +195,18 @@ def measure(
         truth, reach = sequence.truth(index)
         alpha = read_layer(Path(sequence.layers % index), size[::-1]).rgba[..., 3]
         pixels = float(alpha.sum())
+        front = _front(sequence.folder / "front" / f"{index:04d}.png", size)
         part = Box.of(reach).slices_in(Box(0, 0, *size[::-1]))
-        decibels = psnr(frame.codes[part], truth[part])
+        decibels = psnr(frame.codes[part], truth[part]) if reach.any() else math.nan
         covered = order.before_px > _MEETS * pixels
         (before_db if covered else other_db).append(decibels)
-        front = _front(sequence.folder / "front" / f"{index:04d}.png")
-        errors = [*errors[-2:], (frame.matte - front) * alpha]
-        off = 100.0 * float(np.abs(errors[-1]).sum()) / pixels
-        if order.meets_px > _MEETS * pixels:
+        off = math.nan
+        if pixels:
+            errors = [*errors[-2:], (frame.matte - front) * alpha]
+            off = 100.0 * float(np.abs(errors[-1]).sum()) / pixels
+        else:
+            errors = []  # no difference in time spans a frame without the object
+        if order.meets_px > _MEETS * pixels > 0.0:
             off_percent.append(off)
             seen = float((frame.matte * alpha).sum())
             right.append(abs(seen - order.before_px) < 0.5 * order.meets_px)
@@ -215,13 +224,18 @@ def measure(
 
 
 def _mean(values: list[float] | list[bool]) -> float:
-    return float(np.mean(values)) if values else math.nan
+    """Mean of the values that are finite numbers; nan where none is."""
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.mean(known)) if known else math.nan
 
 
-def _front(path: Path) -> Float32:
+def _front(path: Path, size: tuple[int, int]) -> Float32:
+    """Coverage in [0, 1] (H, W) of a grey picture of so many rows and columns."""
+    if not path.is_file():  # OpenCV warns by itself
+        raise InputError(f"{path}: no such file")
     codes: UInt8 | None = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)  # type: ignore[assignment]
-    if codes is None:
-        raise InputError(f"{path}: cannot be read; expected a grey picture")
+    if codes is None or codes.shape != size:
+        raise InputError(f"{path}: cannot be read as a grey picture of {size[1]}x{size[0]}")
     return codes.astype(np.float32) / np.float32(255.0)
 
 
