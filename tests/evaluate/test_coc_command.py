@@ -60,6 +60,17 @@ def test_method_is_skipped_on_a_plate_that_lacks_its_inputs(measured):
 
 
 @pytest.mark.slow
+def test_number_of_plates_stands_beside_the_means_of_each_method(measured):
+    for name, row in summary(measured, "methods").items():
+        assert row["rmse_px_count"] == (1 if name.startswith(SHARP) else 2)
+    text = (measured.out / "coc.md").read_text()
+    table = text.partition("CoC of the whole plate (stage F)")[2].split("\n\n")[1].splitlines()
+    plates = {line.split("|")[1].strip(): line.split("|")[-2].strip() for line in table}
+    assert plates[""] == "plates"
+    assert (plates["ours (network)"], plates[SHARP]) == ("2", "1")
+
+
+@pytest.mark.slow
 def test_best_factor_never_increases_the_error(measured):
     rows = summary(measured, "methods")
     assert rows[f"{SHARP}, best factor"]["rmse_px"] <= rows[SHARP]["rmse_px"]

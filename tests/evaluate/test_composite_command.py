@@ -12,6 +12,7 @@ from support.command import nlens, one_line
 from support.truth_folder import write_rendered
 
 from nlens_video.evaluate.composite import composite
+from nlens_video.evaluate.composite.composite import NETWORK, QUADRATIC
 from nlens_video.evaluate.composite.methods import (
     BLIND,
     DEFAULT,
@@ -63,6 +64,18 @@ def test_every_method_is_evaluated_on_every_plate(measured):
     assert list(rows(measured)) == ROWS
     assert len(measured.figures["composite"]["plates"]) == 2 * len(ROWS)
     assert all(row["psnr_db_count"] == 2 for row in rows(measured).values() if row["psnr_db"])
+
+
+@pytest.mark.slow
+def test_number_of_plates_or_scenes_stands_beside_each_mean(measured):
+    summary = measured.figures["composite_plate_coc"]["summary"]
+    counts = {row["name"]: row["rmse_px_count"] for row in summary}
+    assert counts == {NETWORK: 2, QUADRATIC: 1}  # a plate has no sharp picture
+    lines = (measured.out / "composite.md").read_text().splitlines()
+    paper = [line.split("|") for line in lines if line.startswith(("| Ranftl", "| Ruan", "| Ours"))]
+    assert [int(cells[-2]) for cells in paper] == [1, 2, 2, 2]
+    over = lines[lines.index("## Over scenes") + 2 :][: 2 + len(ROWS)]
+    assert [line.split("|")[-2].strip() for line in over[:1] + over[2:4]] == ["scenes", "2", "2"]
 
 
 @pytest.mark.slow

@@ -242,6 +242,7 @@ def _methods_table() -> Table:
             Column("bias_px", "bias, px"),
             Column("relative_percent", "median relative error, %", 1),
             Column("time_ms", "time, ms", 0, "median"),
+            Column("rmse_px", "plates", 0, "count"),
         ),
         detail="rmse_px",
         notes=(

@@ -22,7 +22,6 @@ from nlens_video.evaluate.metrics import LEVEL, Interval, coc_figures, over_scen
 from nlens_video.evaluate.plates import Plate, find_plates
 from nlens_video.evaluate.plots import Bar, accuracy_bars
 from nlens_video.evaluate.report import (
-    NONE,
     Column,
     Report,
     Table,
@@ -126,7 +125,7 @@ def evaluate_composite(folder: Path, out: Path | None, *, as_json: bool, quiet: 
         sections=[
             "\n\n".join(heading) + "\n",
             _paper_comparison(intervals),
-            _scenes_section(bars, intervals, len(set(scenes.values()))),
+            _scenes_section(bars, intervals),
         ],
         tables=[composites, plates_coc],
         facts={
@@ -180,22 +179,26 @@ def _paper_comparison(found: Intervals) -> str:
         for what, here, reported in rows:
             for key, value in reported.items():
                 heading, digits = _FIGURES[key]
-                interval = found.get((here, key))
-                measured = NONE if interval is None else interval.text(digits)
-                cells.append([what, here, heading, f"{value:.2f}", measured])
-        columns = ["row of the paper", "row here", "figure", "the paper's", "here"]
+                interval = found.get((here, key), over_scenes(()))
+                measured = interval.text(digits), str(interval.scenes)
+                cells.append([what, here, heading, f"{value:.2f}", *measured])
+        columns = ["row of the paper", "row here", "figure", "the paper's", "here", "scenes here"]
         parts += [f"## {title}", grid(columns, cells)]
     return "\n\n".join([*parts, _SOURCE]) + "\n"
 
 
-def _scenes_section(bars: list[Bar], intervals: Intervals, scenes: int) -> str:
+def _scenes_section(bars: list[Bar], intervals: Intervals) -> str:
     rows = [
-        [bar.name, bar.psnr_db.text(2), intervals[bar.name, "ssim"].text(3), bar.gain_db.text(2)]
+        [
+            bar.name, bar.psnr_db.text(2), intervals[bar.name, "ssim"].text(3),
+            bar.gain_db.text(2), str(bar.psnr_db.scenes),
+        ]
         for bar in bars
-    ]
+    ]  # fmt: skip
+    columns = ["", "PSNR [dB]", "SSIM", "gain over naive [dB]", "scenes"]
     return (
-        f"## Over scenes\n\n{grid(['', 'PSNR [dB]', 'SSIM', 'gain over naive [dB]'], rows)}\n\n"
-        f"Mean over {scenes} scenes, each the mean of its plates, ± half the {LEVEL:.0%} "
+        f"## Over scenes\n\n{grid(columns, rows)}\n\n"
+        f"Means over scenes, each the mean of its plates, ± half the {LEVEL:.0%} "
         "interval (Student's t): plates of one scene are no independent samples, and few "
         "scenes leave wide intervals. The gain is taken plate by plate.\n"
     )
@@ -231,7 +234,7 @@ def _plates_coc_table() -> Table:
     return Table(
         name="composite_plate_coc",
         title="CoC of the whole plate",
-        columns=(Column("rmse_px", "RMSE [px]"),),
+        columns=(Column("rmse_px", "RMSE [px]"), Column("rmse_px", "plates", 0, "count")),
         detail="rmse_px",
         notes=("The quadratic is given the true depth and the true sharp picture.",),
     )
