@@ -3,11 +3,13 @@
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 import pytest
 from support.clips import copy, noise_frame, write_clip
 
 from nlens_video.core.errors import OutputError
+from nlens_video.video.exr import read_exr, write_layers
 from nlens_video.video.output.picture_files import EXTENSIONS
 from nlens_video.video.output.sink import check_output
 
@@ -172,3 +174,36 @@ def test_pixel_format_is_noted_where_pictures_lose_by_it(tmp_path, plate, name, 
     notes = copy(clip, tmp_path / name, codec=codecs.get(name[name.index(".") :]))
     told = [note.partition("; ")[2] for note in notes if "pixel format" in note]
     assert told == ([] if lost is None else [lost])
+
+
+@pytest.mark.parametrize("name", ["p_%d.png", "p_%d.tif", "p_%d.jpg", "out.mp4", "out.mov"])
+@pytest.mark.parametrize("plate", ["in_%d.exr", "in_%d.pfm"])
+def test_light_above_white_is_said_to_be_clipped_where_the_result_cannot_hold_it(
+    tmp_path, plate, name
+):
+    light = np.full((48, 64), 6.0, np.float32)
+    if plate.endswith(".exr"):
+        write_layers(tmp_path / "in_0.exr", dict.fromkeys("RGB", light))
+    else:
+        assert cv2.imwrite(str(tmp_path / "in_0.pfm"), np.dstack([light] * 3))
+    notes = [note for note in copy(tmp_path / plate, tmp_path / name) if "white" in note]
+    (note,) = notes
+    assert note.startswith("light above white (1.0)") and note.endswith(".exr files do")
+    written = next(tmp_path.glob(name.replace("%d", "0")))
+    assert read(written, "rgb24").min() >= 253
+
+
+@pytest.mark.parametrize(
+    ("plate", "name"),
+    [("in_%d.exr", "p_%d.exr"), ("in_%d.pfm", "p_%d.exr"), ("in_%d.png", "p_%d.jpg")],
+)
+def test_no_light_is_said_to_be_clipped_where_it_is_held_or_the_plate_has_none(
+    tmp_path, plate, name
+):
+    light = np.full((48, 64), 6.0, np.float32)
+    write_layers(tmp_path / "in_0.exr", dict.fromkeys("RGB", light))
+    assert cv2.imwrite(str(tmp_path / "in_0.pfm"), np.dstack([light] * 3))
+    assert cv2.imwrite(str(tmp_path / "in_0.png"), np.full((48, 64, 3), 65535, np.uint16))
+    assert not [note for note in copy(tmp_path / plate, tmp_path / name) if "white" in note]
+    if name.endswith(".exr"):
+        assert read_exr(tmp_path / "p_0.exr").channels["G"].min() > 5.9

@@ -6,6 +6,7 @@ import av
 from av.codec.codec import Capabilities
 
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.video.info import SourceInfo
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
 
 # Decoder (or family) to encoder.
@@ -227,6 +228,22 @@ def what_is_lost(wanted: str, chosen: str, codec: str) -> tuple[str, ...]:
     if goal.alpha and not kind.alpha:
         lost.append("alpha is left out")
     return tuple(lost)
+
+
+def clipped_light(info: SourceInfo, chosen: str) -> tuple[str, ...]:
+    """A note where a result cannot hold light that float samples of the source may hold.
+
+    Args:
+        info: the source.
+        chosen: the encoder's input format.
+    """
+    goal, kind = layout(working_format(info.pixel_format)), _known_layout(chosen)
+    of_light = goal is not None and goal.family == "float" and info.tags.transfer == "linear"
+    if not of_light or (kind is not None and kind.family == "float"):
+        return ()
+    return (
+        f"light above white (1.0) and below 0 is clipped: {chosen} does not hold it; .exr files do",
+    )
 
 
 def _known_layout(name: str) -> PixelLayout | None:

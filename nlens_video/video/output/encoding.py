@@ -15,6 +15,7 @@ from nlens_video.video.output.containers import MP4_FAMILY
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.encoders import (  # fmt: skip
     check_pixel_format,
+    clipped_light,
     encoder_called,
     encoder_of,
     encoder_options,
@@ -123,6 +124,7 @@ def choose_encoding(
     if lost := what_is_lost(wanted, chosen, name):
         told = f"pixel format {chosen} instead of {wanted}: nearest that {name} takes"
         reasons.append("; ".join((told, *lost)))
+    reasons += clipped_light(info, chosen)
     reasons += unmarked_fields(name, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
