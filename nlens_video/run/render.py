@@ -215,11 +215,10 @@ def note_on_what_is_left(
 
 
 def _describe_source(info: SourceInfo) -> Iterator[str]:
-    rate = f", {float(info.average_rate):.3f} fps" if info.average_rate else ", unknown rate"
     yield (
         f"plate {info.name}: {info.kind}, {info.codec} {info.width}x{info.height} "
         f"{info.pixel_format}{' interlaced' if info.interlaced else ''}"
-        f"{'' if info.kind == 'still' else rate}"
+        f"{_rate(info)}"
     )
     tags = info.tags
     assumed = f" (assumed: {', '.join(tags.assumed)})" if tags.assumed else ""
@@ -227,6 +226,16 @@ def _describe_source(info: SourceInfo) -> Iterator[str]:
         f"colour: matrix {tags.matrix}, transfer {tags.transfer}, primaries {tags.primaries}, "
         f"{'full' if tags.full_range else 'limited'} range{assumed}"
     )
+
+
+def _rate(info: SourceInfo) -> str:
+    if info.kind == "still":
+        return ""
+    if info.average_rate is None:
+        return ", unknown rate"
+    rate = f"{float(info.average_rate):.3f} fps"
+    varies = info.kind == "video" and not info.steady  # of others the header's rates are guesses
+    return f", variable rate, {rate} on average" if varies else f", {rate}"
 
 
 def _session_notes(session: Session) -> Iterator[str]:

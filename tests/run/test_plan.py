@@ -1,5 +1,7 @@
 """The plan tells of what is drawn, and of nothing else."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from support import shots
@@ -70,3 +72,21 @@ def test_objects_shade_themselves_by_any_light_that_reaches_them_in_the_shot(tmp
     glb = builder.write(tmp_path / "a.glb")
     run = nlens(tmp_path / "in.mp4", glb, tmp_path / "o.mkv", "--plan", "--fallback", "constant")
     assert ("each other under a light" in run.stdout) == told, run.stdout
+
+
+@pytest.mark.parametrize(
+    ("times", "told"),
+    [
+        (range(0, 12 * 40, 40), "yuv420p, 25.000 fps"),
+        ([*range(0, 240, 40), *range(240, 840, 100)], "variable rate, 15.385 fps on average"),
+    ],
+    ids=["constant", "variable"],
+)
+def test_plan_says_where_the_frame_rate_varies(tmp_path, times, told):
+    plate = shots.write_video(
+        tmp_path / "in.mp4", len(times), pts=list(times), time_base=Fraction(1, 1000), audio=False
+    )
+    glb, fit = shots.cube_glb(tmp_path / "anim.glb"), shots.fit_json(tmp_path / "fit.json")
+    run = nlens(plate, glb, tmp_path / "out.mp4", "--plan", "--fit", fit)
+    (line,) = [one for one in run.stdout.splitlines() if one.startswith("plate ")]
+    assert line.endswith(told), line
