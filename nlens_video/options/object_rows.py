@@ -116,7 +116,8 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                "2); none: no sun, not even one that is detected in the plate",
                feeds="light.sun", parameter=True),
         Option("--shadow-strength", SHOT, "S", read.between(0, 2, "a number from 0 to 2"),
-               "strength of the shadow on the ground, 0 to 2 (default 1: physical); also enables shadows of --layers",
+               "strength of the shadow on the ground, 0 to 2 (default 1: physical); also enables "
+               "shadows of --layers",
                feeds="light.shadow_strength", parameter=True, often=True),
     ),
     "occlusion and reflection": (
