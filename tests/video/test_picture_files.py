@@ -207,3 +207,12 @@ def test_no_light_is_said_to_be_clipped_where_it_is_held_or_the_plate_has_none(
     assert not [note for note in copy(tmp_path / plate, tmp_path / name) if "white" in note]
     if name.endswith(".exr"):
         assert read_exr(tmp_path / "p_0.exr").channels["G"].min() > 5.9
+
+
+@pytest.mark.parametrize("codec", [None, "rawvideo"])
+def test_float_plate_in_raw_video_is_of_whole_numbers_that_any_reader_reads(tmp_path, codec):
+    light = np.full((48, 64), 0.2, np.float32)
+    write_layers(tmp_path / "in_0.exr", dict.fromkeys("RGB", light))
+    copy(tmp_path / "in_%d.exr", tmp_path / "out.nut", codec=codec)
+    code = 255.0 * (1.055 * 0.2 ** (1 / 2.4) - 0.055)
+    assert np.abs(read(tmp_path / "out.nut", "rgb24") - code).max() <= 1.0

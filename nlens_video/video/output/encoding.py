@@ -42,6 +42,8 @@ _LOSSLESS = ("ffvhuff", "huffyuv", "utvideo", "magicyuv", "v210", "qtrle", "png"
 _INTERMEDIATE = ("prores", "dnxhd", "cfhd")
 _EDITING = ("matroska", "avi", "nut", "mxf", "mov")
 """Containers of lossless and intermediate codecs."""
+_INTEGER = ("rgb48le", "rgba64le", "gray16le")
+"""Of raw video: readers of it know no floats, whose light would be read as linear."""
 _EVEN = ("libx264", "libx265")
 """Encoders whose sizes must be multiples of the chroma subsampling."""
 _NO_ORDER = ("avi", "asf", "mxf")
@@ -208,7 +210,9 @@ def _formats(info: SourceInfo, name: str) -> list[str]:
     The source's, or the nearest that it accepts; for alpha also those that more containers hold.
     """
     wanted = working_format(info.pixel_format)
-    formats = pixel_formats(name)
+    formats, kind = pixel_formats(name), layout(wanted)
+    if not formats and kind is not None and kind.family == "float":
+        formats = list(_INTEGER)
     if not formats or wanted in formats:
         best = wanted
     else:
