@@ -22,6 +22,7 @@ from nlens_video.check.judge import (
     shadows_among,
 )
 from nlens_video.check.judge_object import judge_object, median_bends
+from nlens_video.check.levels import goes_above_white
 from nlens_video.check.measure import Measures, SoundPair
 from nlens_video.check.regions import Track
 from nlens_video.check.verdict import Verdict, runs, write_page
@@ -119,9 +120,10 @@ def compare(
             for source in (given, made)
         ]
         sound = [SoundPair(codecs=pair) for pair in zip(*codecs, strict=False)]
+        above_white = goes_above_white(given.info.tags)
         readers = (
-            _Reader(given, plate.frames, sound, from_plate=True),
-            _Reader(made, (0, None), sound, from_plate=False),
+            _Reader(given, plate.frames, sound, above_white, from_plate=True),
+            _Reader(made, (0, None), sound, above_white, from_plate=False),
         )
         frames = (readers[0].features(), readers[1].features())
         with closing(frames[0]), closing(frames[1]):
@@ -172,6 +174,7 @@ class _Reader:
     source: Source
     frames: tuple[int, int | None]
     sound: list[SoundPair]
+    above_white: bool
     from_plate: bool
     count: int = 0
     start_s: float = 0.0
@@ -193,7 +196,7 @@ class _Reader:
             for packet in early:
                 self._add_sound(packet, first_s)
             early.clear()
-            features = frame_features(item, self.first_pts)
+            features = frame_features(item, self.first_pts, above_white=self.above_white)
             self.count += 1
             yield features
         for packet in early:

@@ -9,6 +9,7 @@ from fractions import Fraction
 import cv2
 import numpy as np
 
+from nlens_video.check.levels import goes_above_white, levels
 from nlens_video.core import signals
 from nlens_video.core.layers import Float32
 from nlens_video.core.settings import SourceSettings
@@ -35,7 +36,7 @@ class FrameFeatures:
     Attributes:
         index: position in its source.
         time_s: since the source's first frame, exact [s].
-        luma: display-coded, 0 to 255, (H, W) [level].
+        luma: display-coded, 0 to 255, more above diffuse white, (H, W) [level].
         colour: mean luma and both colour differences of each block, (h, w, 3) [level].
         detail: mean of each block's absolute band-pass of the luma, (h, w) [level].
     """
@@ -58,9 +59,15 @@ class FrameFeatures:
         return red, green, blue
 
 
-def frame_features(frame: SourceFrame, first_pts: int) -> FrameFeatures:
-    """Measure one frame; `first_pts` is that of the source's first [ticks]."""
-    rgb = np.float32(255.0) * frame.picture.srgb()
+def frame_features(frame: SourceFrame, first_pts: int, *, above_white: bool) -> FrameFeatures:
+    """Measure one frame.
+
+    Args:
+        frame: of a plate or of its result.
+        first_pts: that of the source's first frame [ticks].
+        above_white: whether light above diffuse white counts.
+    """
+    rgb = levels(frame.picture, above_white=above_white)
     luma: Float32 = np.ascontiguousarray(rgb @ _LUMA, np.float32)
     fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in _BAND_PX)
     return FrameFeatures(
@@ -174,19 +181,22 @@ def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
             return None
         rest = iter(made)
         frame = next(rest, None)
-        first = 0 if frame is None else _best_match(frame_features(frame, frame.pts), given)
+        first = 0 if frame is None else _best_match(frame, given)
         end = first + sum(1 for _ in rest) + (frame is not None)
         begins = not first and plate_frames is not None and 0 < end <= plate_frames // 2
         return (first, end) if first or begins else None
 
 
-def _best_match(beginning: FrameFeatures, plate: Source) -> int:
+def _best_match(beginning: SourceFrame, plate: Source) -> int:
     """Index of the plate's frame that differs least; 0 unless it is clearly better than that."""
+    above_white = goes_above_white(plate.info.tags)
+    sought = frame_features(beginning, beginning.pts, above_white=above_white)
     best, least, own = 0, 0.0, 0.0
     for frame in plate:
         signals.check()
         # mean of the blocks, since a median would miss the little that moves
-        misfit = np.minimum(block_rms(beginning, frame_features(frame, frame.pts)), _MOST)
+        shown = frame_features(frame, frame.pts, above_white=above_white)
+        misfit = np.minimum(block_rms(sought, shown), _MOST)
         off = float(misfit.mean())
         if frame.index == 0:
             own = least = off

@@ -215,4 +215,4 @@ def test_step_of_an_object_is_measured_to_a_fraction_of_a_pixel(tmp_path, move):
 
 def _features(path):
     with open_source(str(path)) as source:
-        return [frame_features(frame, 0) for frame in source]
+        return [frame_features(frame, 0, above_white=False) for frame in source]

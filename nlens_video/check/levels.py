@@ -1,0 +1,36 @@
+"""A picture as the check compares it: in levels of sRGB, which go on above diffuse white."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nlens_video.core.color import ColorTags
+from nlens_video.core.layers import Box, Float32, Picture
+
+WHITE = np.float32(255.0)
+"""Diffuse white [level]."""
+_SLOPE = np.float32(1.055 / 2.4)  # of the sRGB curve at white, over the logarithm of light
+_HDR = ("smpte2084", "arib-std-b67", "linear")
+
+
+def goes_above_white(tags: ColorTags) -> bool:
+    """Whether a picture's light above diffuse white is meant to be shown (PQ, HLG, OpenEXR)."""
+    return tags.transfer in _HDR
+
+
+def levels(picture: Picture, *, above_white: bool) -> Float32:
+    """The whole picture, (H, W, 3) [level].
+
+    Above white a level is as large a share of light as it is at white, as in HLG, and nearly so in
+    PQ: what encoding changes there is then no larger than elsewhere.
+
+    Args:
+        picture: any.
+        above_white: whether light above diffuse white counts; else it is clipped.
+    """
+    result = WHITE * picture.srgb()
+    if above_white:
+        light = picture.linear(Box(0, 0, picture.width, picture.height))
+        brighter = light > 1.0
+        result[brighter] = WHITE * (1.0 + _SLOPE * np.log(light[brighter]))
+    return result
