@@ -280,9 +280,13 @@ class SoundPair:
             self.shift_s = max(self.shift_s, ours[0] - theirs[0], key=abs)
 
     @property
+    def same(self) -> bool:
+        """Whether the result's packets are the plate's, byte by byte."""
+        return self.codecs[0] == self.codecs[1] and not self.changed
+
+    @property
     def shifts_s(self) -> tuple[float, float, float]:
         """Delay of the result's sound at its start, at its end, and the largest one [s]."""
         start = (self.result.start_s or 0.0) - (self.plate.start_s or 0.0)
         end = self.result.end_s - self.plate.end_s
-        same = self.codecs[0] == self.codecs[1] and not self.changed
-        return start, end, self.shift_s if same else 0.0
+        return start, end, self.shift_s if self.same else 0.0

@@ -229,6 +229,18 @@ def test_missing_audio_is_reported(check):
     assert finding.kind == "sound" and "missing" in finding.text
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options", [{"loudness": 0.0}, {"audio_codec": "ac3"}], ids=["silence instead", "another codec"]
+)
+def test_sound_that_is_not_the_plates_own_is_said_not_to_be_compared(check, options):
+    verdict = check(**options)
+    assert texts(verdict) == [] and "sound" in verdict.unknown
+    assert any("only its start and its end are compared" in note for note in verdict.notes)
+    assert "?   audio against the pictures" in verdict.as_text()
+    assert "sound" not in check().unknown
+
+
 class TestCommand:
     def run(self, capsys, *words):
         code = main(["check", *map(str, words)])

@@ -54,19 +54,19 @@ def with_object(picture, number, *, sigma=1.5, detail=1.0, place=None, gains=(1,
 
 def encode(
     path, pictures, *, size=(WIDTH, HEIGHT), times=None, crf=18, codec="libx264",
-    audio_shift_s=0.0, audio=True,
+    audio_shift_s=0.0, audio=True, audio_codec="aac", loudness=0.1,
 ):  # fmt: skip
-    """Write pictures in [0, 1] as 4:2:0 video with a tone beside it."""
+    """Write pictures in [0, 1] as 4:2:0 video with a tone of some loudness in [0, 1] beside it."""
     with av.open(str(path), "w") as out:
         stream = out.add_stream(codec, rate=RATE)
         (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
         if codec == "libx264":
             stream.options = {"crf": str(crf), "preset": "veryfast", **REPEATABLE[codec]}
         stream.codec_context.time_base = Fraction(1, 1000)
-        sound = out.add_stream("aac", rate=48000, layout="mono") if audio else None
+        sound = out.add_stream(audio_codec, rate=48000, layout="mono") if audio else None
         if sound is not None:
             for at in range(RATE * 4 // 5):
-                _tone(out, sound, at, audio_shift_s)
+                _tone(out, sound, at, audio_shift_s, loudness)
             out.mux(sound.encode())
         for number, picture in enumerate(pictures):
             coded = np.clip(np.round(255 * picture), 0, 255).astype(np.uint8)
@@ -80,9 +80,9 @@ def encode(
     return path
 
 
-def _tone(out, sound, at, shift_s):
+def _tone(out, sound, at, shift_s, loudness):
     count = 48000 // RATE
-    wave = 0.1 * np.sin(0.05 * (np.arange(count) + at * count)).astype(np.float32)
+    wave = loudness * np.sin(0.05 * (np.arange(count) + at * count)).astype(np.float32)
     block = av.AudioFrame.from_ndarray(wave[None], "fltp", "mono")
     block.sample_rate, block.time_base = 48000, Fraction(1, 48000)
     block.pts = at * count + round(48000 * shift_s)
