@@ -161,6 +161,16 @@ def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
         np.testing.assert_array_equal(old, new)
 
 
+@pytest.mark.parametrize("rotation", [90, 180, 270])
+@pytest.mark.parametrize("pixel_format", FORMATS)
+def test_odd_picture_that_is_turned_shows_the_same_light(pixel_format, rotation):
+    frame = noise_frame(37, 27, pixel_format)
+    upright, turned = AvPicture(frame, rotation=0), AvPicture(frame, rotation=rotation)
+    shown = turned.linear(Box(0, 0, turned.width, turned.height))
+    expected = np.rot90(upright.linear(Box(0, 0, 37, 27)), rotation // 90)
+    np.testing.assert_array_equal(shown, expected)
+
+
 def test_only_chroma_samples_touched_by_the_layer_change():
     frame = noise_frame(32, 24, "yuv420p")
     before = planes(frame)

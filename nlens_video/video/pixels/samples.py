@@ -293,7 +293,7 @@ def _mirrored(axis: Axis, length: int) -> Axis:
     """The same subsampling seen from the other end of `length` pixels."""
     return replace(
         axis,
-        phase=-length % axis.step,
+        phase=-(length + axis.phase) % axis.step,
         first=axis.step - axis.first - len(axis.weights),
         weights=axis.weights[::-1],
     )
