@@ -6,6 +6,9 @@ import numpy as np
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box, Float32, Picture
+from nlens_video.video.pixels import blend
+from nlens_video.video.pixels.chroma import with_full_chroma
+from nlens_video.video.pixels.picture import SamplesPicture
 
 WHITE = np.float32(255.0)
 """Diffuse white [level]."""
@@ -22,15 +25,23 @@ def levels(picture: Picture, *, above_white: bool) -> Float32:
     """The whole picture, (H, W, 3) [level].
 
     Above white a level is as large a share of light as it is at white, as in HLG, and nearly so in
-    PQ: what encoding changes there is then no larger than elsewhere.
+    PQ: what encoding changes there is then no larger than elsewhere. Chroma is interpolated, so
+    that a result of another subsampling is not of another colour beside edges.
 
     Args:
-        picture: any.
+        picture: of a source.
         above_white: whether light above diffuse white counts; else it is clipped.
+
+    Raises:
+        TypeError: the picture has no samples.
     """
-    result = WHITE * picture.srgb()
+    if not isinstance(picture, SamplesPicture):
+        raise TypeError(f"{type(picture).__name__} has no samples")
+    samples = with_full_chroma(picture.samples())
+    whole = Box(0, 0, picture.width, picture.height)
+    result = WHITE * blend.srgb(samples, whole)
     if above_white:
-        light = picture.linear(Box(0, 0, picture.width, picture.height))
+        light = blend.linear(samples, whole)
         brighter = light > 1.0
         result[brighter] = WHITE * (1.0 + _SLOPE * np.log(light[brighter]))
     return result

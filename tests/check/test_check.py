@@ -371,3 +371,17 @@ def test_plate_difference_within_the_stated_tolerance_is_not_a_finding():
     assert objects_among(measures, 1) == [] and judge_plate(measures, []) == []
     track.worst = 2.2
     assert len(judge_plate(measures, [])) == 1
+
+
+def test_chroma_of_every_pixel_for_a_plate_of_half_is_no_plate_change(tmp_path):
+    def striped(number):
+        """Saturated edges that meet those of blocks."""
+        picture = takes.plate(number)
+        picture[:, 200:208], picture[150:160] = (0.9, 0.1, 0.1), (0.1, 0.2, 0.9)
+        return picture
+
+    plates = [striped(number) for number in range(8)]
+    plate = takes.encode(tmp_path / "in.mkv", plates, codec="ffv1", audio=False)
+    made = takes.composite(plate, tmp_path / "made.mkv", codec="ffv1", audio=False)
+    result = takes.coded_again(made, tmp_path / "out.mkv", "ffv1", "yuv444p", {})
+    assert texts(found(result, plate)) == []
