@@ -39,6 +39,7 @@ from nlens_video.video.interfaces import Source
 FINDINGS = 1
 """Exit code of a check that succeeded and found faults."""
 _ROUNDING_S = 0.001
+_SILENT = ("still", "sequence")  # results that hold no sound
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +142,8 @@ def compare(
         found += judge_object(track, noise)
     found += judge_plate(measures, tracks)
     found += judge_drift(measures.drift)
-    found += judge_sound(sound, max(0, len(codecs[0]) - len(codecs[1])))
+    missing = 0 if made.info.kind in _SILENT else max(0, len(codecs[0]) - len(codecs[1]))
+    found += judge_sound(sound, missing)
     largest = max(tracks, key=lambda one: sum(one.area), default=None)
     bends = (0.0, 0.0) if largest is None else median_bends(largest)
     counts = (readers[1].count, readers[0].count)

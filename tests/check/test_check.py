@@ -241,6 +241,15 @@ def test_sound_that_is_not_the_plates_own_is_said_not_to_be_compared(check, opti
     assert "sound" not in check().unknown
 
 
+@pytest.mark.parametrize("name", ["out.png", "out_%04d.png"], ids=["still", "sequence"])
+def test_sound_is_not_missing_from_pictures(source, tmp_path, name):
+    plate, *_ = takes.decode(source)
+    coded = np.round(255 * takes.with_object(plate, 0)).astype(np.uint8)[..., ::-1]
+    cv2.imwrite(str(tmp_path / name.replace("%04d", "0000")), coded)
+    verdict = compare(str(tmp_path / name), SourceSettings(spec=str(source), frames=(0, 1))).verdict
+    assert verdict.of("sound") == [] and verdict.frames == (1, 1)
+
+
 class TestCommand:
     def run(self, capsys, *words):
         code = main(["check", *map(str, words)])
