@@ -12,7 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from nlens_video.cameras.files import read_camera
-from nlens_video.check.frames import FrameFeatures, find_range, frame_features, pair_frames
+from nlens_video.check.frames import (
+    FrameFeatures,
+    find_range,
+    frame_features,
+    open_result,
+    pair_frames,
+)
 from nlens_video.check.judge import (
     judge_drift,
     judge_frames,
@@ -103,7 +109,10 @@ def compare(
     assumed = find_range(result, plate) if search_range else None
     if assumed is not None:
         plate = replace(plate, frames=assumed)
-    with open_source(plate.spec, **plate.hints) as given, open_source(result) as made:
+    with (
+        open_source(plate.spec, **plate.hints) as given,
+        open_result(result, given.info, plate.input_transfer) as made,
+    ):
         _check_sizes(given, made)
         bases = (given.info.time_base, made.info.time_base)
         measures = Measures(tick_s=float(sum(bases, Fraction(0))) / 2 + _ROUNDING_S)

@@ -13,7 +13,7 @@ from nlens_video.check.levels import goes_above_white, levels
 from nlens_video.core import signals
 from nlens_video.core.layers import Float32
 from nlens_video.core.settings import SourceSettings
-from nlens_video.video.info import SourceFrame
+from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import open_source
 from nlens_video.video.interfaces import Source
@@ -153,6 +153,26 @@ def pair_frames(
         shown = next(result, None)
 
 
+def open_result(spec: str, plate: SourceInfo, transfer: str | None) -> Source:
+    """Open a result, and read its first frame.
+
+    Args:
+        spec: written by `render`, which keeps the plate's tags.
+        plate: properties of its plate.
+        transfer: name of a transfer function that overrides the plate's tag, as it then does that
+            of a result that has the same one.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    made = open_source(spec)
+    inherited = made.info.frame_tags.color_trc == plate.frame_tags.color_trc
+    if transfer is None or not inherited or made.info.codec == "exr" or not can_be_read_again(spec):
+        return made
+    made.close()
+    return open_source(spec, input_transfer=transfer)
+
+
 def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
     """Range of the plate that a shorter result shows, found by the result's first frame.
 
@@ -173,7 +193,10 @@ def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:
     """
     if not (can_be_read_again(result) and can_be_read_again(plate.spec)):
         return None
-    with open_source(result) as made, open_source(plate.spec, **plate.hints) as given:
+    with (
+        open_source(plate.spec, **plate.hints) as given,
+        open_result(result, given.info, plate.input_transfer) as made,
+    ):
         frames, plate_frames = made.info.frame_count, given.info.frame_count
         whole = frames is not None and plate_frames is not None and frames >= plate_frames
         sizes = {(one.info.width, one.info.height) for one in (made, given)}

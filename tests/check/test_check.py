@@ -250,6 +250,17 @@ def test_sound_is_not_missing_from_pictures(source, tmp_path, name):
     assert verdict.of("sound") == [] and verdict.frames == (1, 1)
 
 
+@pytest.mark.slow
+def test_given_transfer_function_holds_for_a_result_with_the_plates_tag(source, tmp_path):
+    result = takes.composite(source, tmp_path / "o.mp4")
+    given = SourceSettings(spec=str(source), input_transfer="iec61966-2-1")
+    assert texts(compare(str(result), given, search_range=True).verdict) == []
+    bt709, tagged = 1, tmp_path / "tagged.mkv"  # which says itself what it is
+    takes.coded_again(result, tagged, "ffv1", "yuv420p", {}, color_trc=bt709)
+    said = texts(compare(str(tagged), given).verdict)
+    assert any("the whole plate has" in text for text in said)
+
+
 class TestCommand:
     def run(self, capsys, *words):
         code = main(["check", *map(str, words)])

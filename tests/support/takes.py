@@ -89,16 +89,18 @@ def _tone(out, sound, at, shift_s, loudness):
     out.mux(sound.encode(block))
 
 
-def coded_again(source, path, codec, pixels, options):
-    """The samples of a file in another codec."""
+def coded_again(source, path, codec, pixels, options, *, color_trc=2):
+    """The samples of a file in another codec, their transfer function tagged, if at all."""
     with av.open(str(source)) as given, av.open(str(path), "w") as out:
         shown = given.streams.video[0]
         stream = out.add_stream(codec, rate=RATE)
         stream.width, stream.height = shown.width, shown.height
         stream.pix_fmt, stream.options = pixels, options
+        stream.codec_context.color_trc = color_trc
         for number, frame in enumerate(given.decode(shown)):
             coded = frame.reformat(format=pixels, interpolation=_UNBIASED)
             coded.pts, coded.time_base, coded.pict_type = number, Fraction(1, RATE), 0
+            coded.color_trc = color_trc
             out.mux(stream.encode(coded))
         out.mux(stream.encode())
     return path
