@@ -9,7 +9,7 @@ from fractions import Fraction
 import cv2
 import numpy as np
 
-from nlens_video.check.levels import goes_above_white, levels
+from nlens_video.check.levels import WHITE, alpha_levels, goes_above_white, levels
 from nlens_video.core import signals
 from nlens_video.core.layers import Float32
 from nlens_video.core.settings import SourceSettings
@@ -17,6 +17,7 @@ from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import open_source
 from nlens_video.video.interfaces import Source
+from nlens_video.video.pixels.picture import SamplesPicture
 
 BLOCK_PX = 8
 """Edge of a block; those of common codecs, so that their noise averages out inside one [px]."""
@@ -26,6 +27,7 @@ _LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _MOST = 10.0  # limit of a block's misfit: the object is in the result alone [level]
 _CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little
 _FAR_CLEARER = 0.6  # of that misfit: a frame that matches so well is not mistaken for another
+_OPAQUE = 254.0  # alpha above which nothing shows through [level]
 _BEYOND = 50  # frames to search after such a match
 
 
@@ -39,6 +41,7 @@ class FrameFeatures:
         luma: display-coded, 0 to 255, more above diffuse white, (H, W) [level].
         colour: mean luma and both colour differences of each block, (h, w, 3) [level].
         detail: mean of each block's absolute band-pass of the luma, (h, w) [level].
+        alpha: mean of each block, 0 to 255, (h, w); None where the picture has none [level].
     """
 
     index: int
@@ -46,6 +49,7 @@ class FrameFeatures:
     luma: Float32
     colour: Float32
     detail: Float32
+    alpha: Float32 | None
 
     @property
     def rgb(self) -> tuple[Float32, Float32, Float32]:
@@ -66,8 +70,14 @@ def frame_features(frame: SourceFrame, first_pts: int, *, above_white: bool) -> 
         frame: of a plate or of its result.
         first_pts: that of the source's first frame [ticks].
         above_white: whether light above diffuse white counts.
+
+    Raises:
+        TypeError: its picture has no samples.
     """
-    rgb = levels(frame.picture, above_white=above_white)
+    if not isinstance(frame.picture, SamplesPicture):
+        raise TypeError(f"{type(frame.picture).__name__} has no samples")
+    samples = frame.picture.samples()
+    rgb, alpha = levels(samples, above_white=above_white), alpha_levels(samples)
     luma: Float32 = np.ascontiguousarray(rgb @ _LUMA, np.float32)
     fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in _BAND_PX)
     return FrameFeatures(
@@ -78,6 +88,7 @@ def frame_features(frame: SourceFrame, first_pts: int, *, above_white: bool) -> 
             np.dstack([luma, *(scale * (rgb[..., at] - luma) for at, scale in _CHROMA)])
         ),
         detail=block_mean(np.abs(fine - coarse)),
+        alpha=None if alpha is None else block_mean(alpha),
     )
 
 
@@ -115,6 +126,23 @@ class Pair:
     def delay_s(self) -> float:
         """How much later the result's frame is shown [s]."""
         return float(self.result.time_s - self.plate.time_s)
+
+    @property
+    def alpha_change(self) -> Float32:
+        """By how much alpha of each block is larger in the result, (h, w) [level].
+
+        0 where the result has lost it, which is a fault of its own (`loses_alpha`).
+        """
+        if self.result.alpha is None:
+            return np.zeros_like(self.plate.detail)
+        before = WHITE if self.plate.alpha is None else self.plate.alpha
+        return np.asarray(self.result.alpha - before, np.float32)
+
+    @property
+    def loses_alpha(self) -> bool:
+        """Whether the plate is transparent somewhere, and the result has no alpha."""
+        alpha = self.plate.alpha
+        return self.result.alpha is None and alpha is not None and bool((alpha < _OPAQUE).any())
 
 
 @dataclass(frozen=True, slots=True)

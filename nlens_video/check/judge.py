@@ -17,7 +17,7 @@ from nlens_video.check.verdict import Finding, at, runs
 
 _SHADOW = 0.9  # share of a shadow's frames on which it is one, and has an object [1]
 _WHOLE_PLATE = 3.0  # median difference above that of any sensible encoding [level]
-_SHADES = ("light", "blue", "red")  # luma and both colour differences
+_SHADES = ("light", "blue", "red", "alpha")  # luma, both colour differences, alpha
 _SHADE = 0.5  # middle change of all blocks by encoding, whose errors go both ways [level]
 _SHADE_OF_NOISE = 0.25  # and more, of the median difference
 
@@ -93,6 +93,9 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
                 "give --max-objects 2 or more",
             )
         )  # fmt: skip
+    for span in runs(measures.without_alpha):
+        words = "the result has no alpha, and the plate is transparent there"
+        found.append(at("plate", span, span[1] - span[0] + 1, words))
     noise = float(np.median(measures.noise)) if measures.noise else 0.0
     found += _judge_shade(measures, _SHADE + _SHADE_OF_NOISE * noise)
     if noise > _WHOLE_PLATE:

@@ -48,11 +48,12 @@ class Measures:
         shifted: index of each result's frame that shows another frame of the plate, and how many
             frames later that one lies.
         late: index and delay of each result's frame shown at another time than the plate's [s].
-        shade: median signed difference of the blocks of each pair, of luma and both colour
-            differences, three numbers a pair [level].
+        shade: median signed difference of the blocks of each pair, of luma, both colour differences
+            and alpha, four numbers a pair [level].
         compared: index of the result's frame of each of these pairs.
         noise: median difference of a block of each pair, beyond its shade, which is due to
             encoding [level].
+        without_alpha: index of the result's frames that lack the plate's alpha.
         worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
         previous: the result's frame of the pair before.
@@ -69,6 +70,7 @@ class Measures:
     shade: array[float] = field(default_factory=lambda: array("d"))
     compared: array[int] = field(default_factory=lambda: array("q"))
     noise: array[float] = field(default_factory=lambda: array("d"))
+    without_alpha: array[int] = field(default_factory=lambda: array("q"))
     worst_late_s: float = 0.0
     pairs: int = 0
     previous: FrameFeatures | None = None
@@ -91,7 +93,9 @@ class Measures:
         self.previous = pair.result
 
     def _compare(self, pair: Pair) -> None:
-        signed = pair.result.colour - pair.plate.colour
+        signed = np.dstack([pair.result.colour - pair.plate.colour, pair.alpha_change])
+        if pair.loses_alpha:
+            self.without_alpha.append(pair.result.index)
         shade = np.asarray(np.median(signed, axis=(0, 1)), np.float32)
         difference = np.abs(signed - shade).max(axis=2)
         noise = float(np.median(difference))

@@ -41,9 +41,10 @@ def shadowed(pair: Pair, tolerance: float) -> Mask:
 
 
 def _darker(pair: Pair) -> Bool:
-    return np.asarray(
-        pair.result.colour[..., 0] <= pair.plate.colour[..., 0] + LEAST_TOLERANCE, bool
-    )
+    """Blocks (h, w) that are no lighter, and as opaque as the plate."""
+    opaque = np.abs(pair.alpha_change) <= LEAST_TOLERANCE
+    no_lighter = pair.result.colour[..., 0] <= pair.plate.colour[..., 0] + LEAST_TOLERANCE
+    return np.asarray(no_lighter & opaque, bool)
 
 
 def _losses(pair: Pair) -> tuple[Float32, Float32, Float32, Float32]:
