@@ -10,7 +10,7 @@ from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
 
 PLATE = "plate"
 """Name of the source's frame in the diagram."""
-_UNDRAWN = ("frame", "frame_box", "following")  # inputs of nearly every node
+_UNDRAWN = ("frame", "frame_box", "following", "lens_before")  # inputs of nearly every node
 
 
 @dataclass(frozen=True, slots=True)

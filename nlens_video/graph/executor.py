@@ -160,12 +160,7 @@ class GraphExecutor:
             self._zoom.fitted_s = None
 
     def begin_frame(self, frame: SourceFrame, following: tuple[Picture, ...] = ()) -> FrameState:
-        """Start a frame: the ports that are given.
-
-        Args:
-            frame: the frame.
-            following: pictures of the frames after it, as far as they are known yet.
-        """
+        """Start a frame: its given ports; `following` are the pictures after it, if known."""
         picture = frame.picture
         if (self._frame_box.width, self._frame_box.height) != (picture.width, picture.height):
             self._frame_box = Box(0, 0, picture.width, picture.height)
@@ -246,8 +241,10 @@ class GraphExecutor:
         with self.profiler.timed(index, "watch"):
             due = live.needs_refit(index, state.frame.picture)
         if due:
+            again = self.begin_frame(state.frame)
+            again.values.lens_before = self.fit
             with suppress(LensFitError):  # no usable fit on this frame: the lens stays
-                if (fit := self.find_lens(self.begin_frame(state.frame))) is not None:
+                if (fit := self.find_lens(again)) is not None:
                     live.found(fit)
         if (moved := live.step()) is not None:
             state.values.fit = self.fit = moved

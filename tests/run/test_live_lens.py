@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from support import shots
 
+from nlens_video import Compositor
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.live_lens import EVERY, LiveLens
 from nlens_video.stages.r_lens_change import CHANGED
@@ -62,3 +64,15 @@ def test_lens_of_a_stream_lags_by_less_than_0_15_s(way, rate, lasts_s):
         assert fits <= 10.0 * lasts_s + 2.0
         assert values[-1] == pytest.approx(true[-1], abs=SEEN * 20.0)
     assert np.mean(lags) < 0.15
+
+
+@pytest.mark.needs_gl
+def test_focus_that_is_given_does_not_hold_the_lens_of_a_stream_that_changes(tmp_path):
+    glb = shots.write_shot(tmp_path, 1) / "anim.glb"
+    focus_m = -shots.SLOPE / shots.INTERCEPT
+    disparity = 1.0 / 1.6  # of the cube
+    with Compositor(glb, preset="draft", fps=25, lens=f"focus {focus_m:.3f}m") as lens:
+        for intercept in (*[shots.INTERCEPT] * 6, *[1.6 * shots.INTERCEPT] * 20):
+            lens.process(shots.plate(intercept=intercept))
+        found = lens.fit.slope * disparity + lens.fit.intercept
+    assert found == pytest.approx(shots.SLOPE * disparity + 1.6 * shots.INTERCEPT, abs=0.8)

@@ -54,6 +54,7 @@ class FrameValues:
         frame_box: the pixels that are composited: the frame, with overscan under a distortion;
             given.
         following: pictures of later frames, where the source can be read ahead; given.
+        lens_before: the lens so far, on a frame of a stream whose blur differs from it; given.
         fit: linear lens model coc_px = slope * disparity + intercept; given, or from `found_lens`.
         plate_light: lighting of the object, estimated from the plate.
         bounds: time, camera, screen bounds and depth range of the object.
@@ -80,6 +81,7 @@ class FrameValues:
     picture: Picture
     frame_box: Box
     following: tuple[Picture, ...] | None = None
+    lens_before: LensFit | None = None
     fit: LensFit | None = None
     plate_light: Illumination | None = None
     bounds: ScreenBounds | None = None
@@ -111,5 +113,5 @@ class ShotValues:
     found_lens: FoundLens | None = None
 
 
-GIVEN = ("frame", "picture", "frame_box", "following", "fit")
+GIVEN = ("frame", "picture", "frame_box", "following", "lens_before", "fit")
 """Ports with a value before the first node runs."""

@@ -118,13 +118,17 @@ class FitNode(Node):
         ground: GroundProjection,
         frame: SourceFrame,
         bounds: ScreenBounds,
+        lens_before: LensFit | None,
     ) -> FoundLens:
         camera = bounds.camera
+        given = [self._known, self._with_tags]
+        if lens_before is not None:  # a focus that is given is that of the first frame
+            given = [replace(lens, focus_m=None) for lens in given]
         known, with_tags = (
             lens.across(camera.width / camera.fx, camera.height / camera.fy).prior(
                 camera.fx, camera.width, self._unit_m
             )
-            for lens in (self._known, self._with_tags)
+            for lens in given
         )
         size = camera.width, camera.height
         try:
