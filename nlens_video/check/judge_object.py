@@ -11,6 +11,8 @@ from nlens_video.check.regions import SECTORS, Track
 from nlens_video.check.series import (
     flicker,
     freezes,
+    lone_jumps,
+    lone_offset,
     outliers,
     second_difference,
     standard_error,
@@ -48,6 +50,21 @@ class _Series:
     error: Float64 | float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """The place along one axis, on every frame of a span.
+
+    Attributes:
+        bend: of the place, (n,) [px].
+        undone: the part of it that the neighbours undo, (n,) [px].
+        offset: how far it lies off its way alone, (n,) [px].
+    """
+
+    bend: Float64
+    undone: Float64
+    offset: Float64
+
+
 def judge_object(track: Track, noise: float) -> list[Finding]:
     """Jumps, flicker and freezes of one object, but for frames on which something passes it.
 
@@ -74,8 +91,8 @@ def judge_object(track: Track, noise: float) -> list[Finding]:
     found += _strongest(
         [
             one
-            for bend in _places(track, span)
-            for one in _judge_place(bend, span, coarse)
+            for way in _ways(track, span)
+            for one in _judge_place(way, span, coarse)
             if one.frame not in frozen  # which leaves its way for this frame
         ]
     )
@@ -145,14 +162,14 @@ def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
     ]  # fmt: skip
 
 
-def _judge_place(bend: Float64, span: Frames, coarse: float) -> list[Finding]:
+def _judge_place(way: _Way, span: Frames, coarse: float) -> list[Finding]:
     """Jumps and jitter of the place along one axis; the limits are `coarse` times the usual."""
     jitter_px, jump_px = coarse * _JITTER_PX, coarse * _JUMP_PX
     found = []
-    for first, last, amplitude in flicker(bend, jitter_px):
+    for first, last, amplitude in flicker(way.undone, jitter_px):
         words = f"the object goes to and fro by {amplitude:.1f} px (limit {jitter_px:.2g} px)"
         found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
-    for place, jump in outliers(bend, jump_px):
+    for place, jump in lone_jumps(way.offset, way.bend, jump_px):
         index = int(span[place])
         words = f"the object lies {abs(jump):.1f} px off its way (limit {jump_px:.2g} px)"
         found.append(at("pop", (index, index), jump, words))
@@ -216,8 +233,8 @@ def _lights(track: Track, span: Frames) -> list[_Series]:
     return found
 
 
-def _places(track: Track, span: Frames) -> list[Float64]:
-    """How far the object lies from its way on each frame, right and down, (n,) each [px].
+def _ways(track: Track, span: Frames) -> list[_Way]:
+    """The object's way, right and down.
 
     What it shares with the plate is the camera's, what it does with its shadow alone the shadow's.
     """
@@ -229,7 +246,10 @@ def _places(track: Track, span: Frames) -> list[Float64]:
     step = _on(span, np.array(track.frames, np.int64), kinds)
     bend = np.zeros(step.shape)
     bend[:-1] = np.nan_to_num(0.5 * (step[:-1] - step[1:]))
-    return [_least([undone(kind) for kind in axis.T]) for axis in np.moveaxis(bend, 2, 0)]
+    return [
+        _Way(*(_least([of(kind) for kind in axis.T]) for of in (np.asarray, undone, lone_offset)))
+        for axis in np.moveaxis(bend, 2, 0)
+    ]
 
 
 def _clear(track: Track) -> npt.NDArray[np.bool_]:

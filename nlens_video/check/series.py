@@ -10,6 +10,9 @@ import numpy as np
 from nlens_video.core.layers import Float64
 
 _WINDOW = 4  # frames to either side to which a value is compared
+_WAY = 6  # frames to either side whose motion tells how evenly an object moves
+_UNEVEN_OFFSET, _UNEVEN_BEND = 1.5, 2.0  # by which their offsets and their bends raise the limit
+_MOST_BESIDE = 4.0  # times a neighbour's bend that a value may be off alone; 2 where all is even
 _LEAST_RUN = 6  # frames of flicker; fewer may go up and down by chance
 
 
@@ -53,6 +56,48 @@ def undone(bend: Float64) -> Float64:
         if own * before < 0.0 and own * after < 0.0:
             result[at] = np.sign(own) * min(abs(own), 2.0 * abs(before), 2.0 * abs(after))
     return result
+
+
+def lone_offset(bend: Float64) -> Float64:
+    """How far each value alone lies off the curve through its neighbours, two to either side.
+
+    A value that is off alone bends both its neighbours by half as much the other way: it is no
+    further off than four times the lesser of these bends. A curve of third order gives 0.
+
+    Args:
+        bend: of the series, (n,).
+    """
+    offset = np.zeros(len(bend))
+    before, own, after = bend[:-2], bend[1:-1], bend[2:]
+    lone = (own * before < 0.0) & (own * after < 0.0)
+    beside = np.minimum(np.abs(before), np.abs(after))
+    size = np.minimum(np.abs(2.0 * own - before - after) / 3.0, _MOST_BESIDE * beside)
+    offset[1:-1] = np.where(lone, np.copysign(size, own), 0.0)
+    return offset
+
+
+def lone_jumps(offset: Float64, bend: Float64, limit: float) -> list[tuple[int, float]]:
+    """Values that lie off their way alone: position and offset, the largest of neighbours only.
+
+    Args:
+        offset: by `lone_offset`, (n,).
+        bend: of the series, (n,).
+        limit: least offset of a series that is even; it grows with the offsets and the bends
+            around, since what hops or starts at once is off any curve by itself.
+    """
+    size, found = np.abs(offset), []
+    for at in range(1, len(size) - 1):
+        offsets, bends = _around(size, at, 2), _around(np.abs(bend), at, 1)
+        uneven = _UNEVEN_OFFSET * np.quantile(offsets, 0.8) + _UNEVEN_BEND * np.median(bends)
+        if size[at] > limit + uneven and size[at] >= size[at - 1 : at + 2].max():
+            found.append((at, float(offset[at])))
+    return found
+
+
+def _around(values: Float64, at: int, without: int) -> Float64:
+    """The values round one, but for itself and `without` of them to either side; 0 for none."""
+    before, after = values[max(0, at - _WAY) : max(0, at - without)], values[at + without + 1 :]
+    return np.array([*before, *after[: _WAY - without]] or [0.0])
 
 
 def standard_error(bend: Float64) -> Float64:

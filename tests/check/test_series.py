@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from nlens_video.check.series import (
     flicker,
     freezes,
+    lone_jumps,
+    lone_offset,
     outliers,
     second_difference,
     standard_error,
@@ -131,3 +133,41 @@ def test_values_that_go_to_and_fro_while_they_speed_up_are_undone_all_along():
     at = np.arange(24.0)
     bend = second_difference(0.2 * at * at + 0.5 * (-1.0) ** at)
     np.testing.assert_allclose(np.abs(undone(bend))[2:-2], 1.0, atol=0.1)
+
+
+def jumps(place, limit=0.75):
+    bend = second_difference(place)
+    return lone_jumps(lone_offset(bend), bend, limit)
+
+
+def test_offset_from_a_curve_of_third_order_is_that_of_the_value_alone():
+    place = np.polyval([0.001, -0.03, 0.2, 5.0], np.arange(30.0))
+    place[14] += 2.0
+    offset = lone_offset(second_difference(place))
+    assert offset[14] == pytest.approx(2.0) and np.count_nonzero(np.abs(offset) > 0.75) == 1
+
+
+CRAWL_PX = [  # from frame to frame, in strokes
+    -0.8, -0.8, -0.8, -1.0, -0.9, -1.9, -3.8, -6.1, -5.4, -4.3, -2.1, -0.5, -1.0, -1.0, -1.1, -1.2,
+    -1.4, -2.4, -4.3, -6.1, -6.1, -4.7, -2.3, -1.0, -1.6, -1.5, -1.7, -1.7, -1.5, -2.5, -4.4, -5.4,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("at", range(5, 28))
+def test_jump_by_3_px_is_found_on_every_frame_of_a_crawl(at):
+    place = np.cumsum(CRAWL_PX)
+    assert jumps(place) == []
+    place[at] += 3.0
+    assert min(abs(index - at) for index, _ in jumps(place)) <= 1
+
+
+@pytest.mark.parametrize(
+    "steps_px",
+    [
+        [0.7, -0.3, 0.5, 0.7, -0.4, 2.7, 1.7, -0.3, 0.8, 0.7, -1.1, 2.8, 1.5],
+        [0.2, -0.4, 1.4, 4.4, 6.0, 3.5, 6.1, 1.7, -5.5, -4.5, -8.3, -7.8, -2.1],
+    ],
+    ids=["strokes of six frames", "a hop with a crouch before it"],
+)
+def test_motion_that_starts_and_stops_at_once_is_no_jump(steps_px):
+    assert jumps(np.cumsum(steps_px)) == []
