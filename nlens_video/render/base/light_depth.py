@@ -34,9 +34,7 @@ _SOFTEST = 1 / 16  # largest radius of the filter; shadows that are softer still
 _MARGIN = 2  # around the object [px]
 _LIFT = 0.02  # of points whose triangle faces away from the light [1]
 _NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
-_BESIDE = (
-    1.1  # from the object's middle, within which a lamp's map looks at the bounds [its radius]
-)
+_BESIDE = 1.1  # from its middle: maps of nearer lamps look at its bounds [its radius]
 _HALF = 0.5  # alpha from which on blended surfaces block the light [1]
 _FAINT = 0.25  # of the strongest lamp's light, below which another has no map [1]
 _TURN = math.atan(0.15)  # of a map: edges along the scene's axes lie across its pixels [rad]
