@@ -37,10 +37,8 @@ def shadow(shot: ShotFacts) -> tuple[bool, str]:
             "--effects auto,+shadow casts one by the GLB's lights"
         )
     if shot.lamps:
-        return (
-            True,
-            f"cast on the ground by {_count(shot.lamps)}, plus contact shadow from ambient light",
-        )
+        lights = f"{shot.lamps} light{'s' if shot.lamps > 1 else ''}"
+        return True, f"cast on the ground by {lights}, plus contact shadow from ambient light"
     if shot.sun_from_plate:
         return True, "cast on the ground by ambient light, and by a sun estimated from the plate"
     return True, "contact shadow from ambient light; no light source casts another"
@@ -68,7 +66,3 @@ def reflection(shot: ShotFacts) -> tuple[bool, str]:
         f"--ground-reflectance: {shot.reflectance:g} at normal incidence, more at grazing "
         "angles (Schlick)"
     )
-
-
-def _count(lamps: int) -> str:
-    return f"{lamps} light{'s' if lamps > 1 else ''}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.lens_fit import LensFit
@@ -234,7 +233,7 @@ def _shot_facts(
     sun = ground.light.sun is not None and ground.light.sun.shines
     return ShotFacts(
         lamps=sum(reaches(lamp, height) for lamp in light.lamps) + sun,
-        on_object=max(map(partial(_lamps_on_object, ground), ground.moments)) + sun,
+        on_object=_lamps_on_object(ground) + sun,
         sun=sun,
         sun_from_plate=ground.light.taken_from_plate,
         pre_rendered=ground.pre_rendered,
@@ -248,11 +247,16 @@ def _shot_facts(
     )
 
 
-def _lamps_on_object(ground: ShadowScene, time_s: float) -> int:
-    """Number of the file's lights, and of the environment map's, that reach the object."""
+def _lamps_on_object(ground: ShadowScene) -> int:
+    """Most lights, of the file and the environment map, that reach the object at a moment."""
     if not ground.light.count and ground.light.environment is None:
         return 0
-    posed = ground.pose(time_s)
-    seat = Seat.of(posed.bounds(), 0.0)
-    lamps = ground.light.on_object(posed.lights).lamps
-    return sum(on_ball(lamp, seat.middle, seat.radius) > 0.0 for lamp in lamps)
+    most = 0
+    for time_s in ground.moments:
+        posed = ground.pose(time_s)
+        seat = Seat.of(posed.bounds(), 0.0)
+        lamps = ground.light.on_object(posed.lights).lamps
+        most = max(most, sum(on_ball(lamp, seat.middle, seat.radius) > 0.0 for lamp in lamps))
+        if all(lamp.posed.light.kind == "directional" for lamp in lamps):
+            break  # which reach it anywhere: other moments need not be posed
+    return most

@@ -72,6 +72,12 @@ def picture(renderer, scene, lamps, camera, *, shadows=True):
     return whole
 
 
+def shaded(renderer, scene, lamp):
+    """Where a scene loses more than half of the lamp's light, seen from above (SIDE, SIDE)."""
+    lit, seen = (picture(renderer, scene, [lamp], above(), shadows=on) for on in (False, True))
+    return (seen < 0.5 * lit) & (lit > 0.0)
+
+
 def slanted(tangent):
     """A direction down and to the right, by that tangent."""
     return np.array([tangent, -1.0, 0.0]) / math.hypot(tangent, 1.0)
@@ -121,9 +127,7 @@ def test_a_near_lamp_throws_the_shadow_away_from_itself(tmp_path, renderer, kind
     scene = slab_below_a_card(tmp_path, size=0.4, height=1.0)
     light = Light(kind=kind, color=(1.0, 1.0, 1.0), intensity=20.0, outer_cone=1.2)
     lamp = Lamp(PosedLight(light, np.array([-0.8, 3.0, 0.0]), DOWN), math.radians(0.5))
-    lit = picture(renderer, scene, [lamp], above(), shadows=False)
-    seen = picture(renderer, scene, [lamp], above())
-    columns = np.flatnonzero(((seen < 0.5 * lit) & (lit > 0.0)).any(axis=0))
+    columns = np.flatnonzero(shaded(renderer, scene, lamp).any(axis=0))
     # the card's right edge, 1 right of the lamp and half as far below it as the slab
     assert columns[-1] == pytest.approx(SIDE / 2 + 0.7 * SIDE / 2.4, abs=1.6)
 
@@ -169,9 +173,7 @@ def test_a_lamp_close_over_a_wide_slab_casts_shadows(tmp_path, renderer):
     scene = slab_below_a_card(tmp_path, size=0.2, height=0.4)
     light = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=2.0)
     lamp = Lamp(PosedLight(light, np.array([-0.2, 0.6, 0.0]), DOWN), math.radians(0.5))
-    lit = picture(renderer, scene, [lamp], above(), shadows=False)
-    seen = picture(renderer, scene, [lamp], above())
-    columns = np.flatnonzero(((seen < 0.5 * lit) & (lit > 0.0)).any(axis=0))
+    columns = np.flatnonzero(shaded(renderer, scene, lamp).any(axis=0))
     # the card's right edge, 0.3 right of the lamp and 0.2 below it; the slab lies 0.6 below it
     assert columns[-1] == pytest.approx(SIDE / 2 + 0.7 * SIDE / 2.4, abs=2.0)
 
