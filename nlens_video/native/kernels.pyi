@@ -219,6 +219,7 @@ def draw_nearness(
     map: Float32,
     /,
 ) -> None: ...
+def highest_in_cells(map: Float32, highest: Float32, /) -> None: ...
 def visible_points(
     maps: _DepthMaps,
     number: int,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -287,8 +288,13 @@ def test_maps_are_drawn_of_the_strongest_lamps_outside_of_the_object(tmp_path):
 
 def test_maps_become_finer_as_the_camera_comes_near(tmp_path):
     posed = slab_below_a_card(tmp_path).pose(0.0)
-    sides = [light_depth.side_for(posed, replace(above(), fx=f, fy=f)) for f in (1.0, 2e3, 1e9)]
-    assert sides == [light_depth.SIDES[0], 512, light_depth.SIDES[1]]
+    cameras = [replace(above(), fx=f, fy=f) for f in np.geomspace(1.0, 1e9, 500)]
+    sides = [light_depth.side_for(posed, camera) for camera in cameras]
+    assert (sides[0], sides[-1]) == light_depth.SIDES
+    steps = [finer / coarser for coarser, finer in pairwise(sides)]
+    assert min(steps) == 1.0
+    assert max(steps) <= 1.25  # a larger one would be seen
+    assert not any(side % light_depth.CELL for side in sides)
 
 
 def random_depth(seed, far=True):
@@ -344,6 +350,16 @@ def test_drawn_nearness_agrees_with_the_reference(seed):
     assert np.count_nonzero(~same) <= 4  # centres on an edge, to float32
 
 
+def test_the_highest_nearness_around_each_cell_is_known(tmp_path):
+    posed, lamps = slab_below_a_card(tmp_path).pose(0.0), [Lamp(sun(np.ones(3), slanted(0.5)))]
+    depth, cell = LightDepth.of(posed, lamps, 320, Opacities()), light_depth.CELL
+    reach = 2 * cell  # pixels, more than the largest radius of the filter
+    around = np.pad(depth.nearness[0], reach, constant_values=-np.inf)
+    for row, column in np.ndindex(depth.highest.shape[1:]):
+        window = around[row * cell :, column * cell :][: cell + 2 * reach, : cell + 2 * reach]
+        assert depth.highest[0, row, column] == window.max()
+
+
 def test_depth_maps_are_the_same_at_every_level(tmp_path):
     builder, lamps, corners, toward, rng = random_depth(3)
     posed = Scene.load(builder.write(tmp_path / "s.glb")).pose(0.0)
@@ -353,11 +369,13 @@ def test_depth_maps_are_the_same_at_every_level(tmp_path):
 
     def run(module):
         drawn, shares = np.zeros((64, 64), np.float32), np.empty(400, np.float32)
+        highest = np.empty((64 // light_depth.CELL,) * 2, np.float32)
         seen = (corners * 30.0 + 32.0).astype(np.float32)
         faces = np.arange(36, dtype=np.int32).reshape(-1, 3)
         module.draw_nearness(seen, faces, light_depth.SOLID, 0, 64, drawn)
+        module.highest_in_cells(drawn, highest)
         module.visible_points(maps, 0, places, facets, towards, shares)
-        return drawn, shares
+        return drawn, highest, shares
 
     assert_same_bits(run)
 

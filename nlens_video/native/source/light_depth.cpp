@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "module.h"
+#include "vectors.h"
 
 namespace nlens {
 namespace {
@@ -164,6 +165,23 @@ private:
     }
 };
 
+// Middles of the pixels of a vector, from its first one.
+const Floats kMiddles = [] {
+    Floats made;
+    for (std::size_t i = 0; i < sizeof(Floats) / sizeof(float); ++i) made[i] = static_cast<float>(i) + 0.5f;
+    return made;
+}();
+
+// Where a line crosses rows of a map.
+struct Edge {
+    float column, row, slope;
+
+    Edge(const float* p, const float* q)
+        : column(p[0]), row(p[1]), slope(q[1] > p[1] ? (q[0] - p[0]) / (q[1] - p[1]) : 0.0f) {}
+
+    float at(float y) const { return column + (y - row) * slope; }
+};
+
 // A triangle in a map: corners (column, row, nearness), and how its nearness changes.
 struct DrawnTriangle {
     const float *a, *b, *c;
@@ -176,21 +194,6 @@ struct DrawnTriangle {
         across = ((q[2] - p[2]) * vy - (r[2] - p[2]) * uy) * scale;
         down = ((r[2] - p[2]) * ux - (q[2] - p[2]) * vx) * scale;
         low = std::min({p[2], q[2], r[2]}), high = std::max({p[2], q[2], r[2]});
-    }
-
-    // Columns of pixels whose centres it holds on the row of a place: the first, and one beyond the last.
-    std::tuple<int, int> columns(float y, int width) const {
-        float left = std::numeric_limits<float>::max(), right = -left;
-        const auto cross = [&](const float* p, const float* q) {
-            if ((p[1] <= y) == (q[1] <= y)) return;
-            const float x = p[0] + (y - p[1]) * ((q[0] - p[0]) / (q[1] - p[1]));
-            left = std::min(left, x), right = std::max(right, x);
-        };
-        cross(a, b), cross(b, c), cross(c, a);
-        const auto whole = [width](float x) {
-            return static_cast<int>(std::ceil(std::min(std::max(x - 0.5f, 0.0f), static_cast<float>(width))));
-        };
-        return {whole(left), whole(right)};
     }
 
     float nearness(float x, float y) const {
@@ -206,6 +209,46 @@ struct DrawnTriangle {
     }
 };
 
+// The first of some whole numbers whose middle is at or beyond a place.
+inline int first_beyond(float place, int end) {
+    return static_cast<int>(std::ceil(std::min(std::max(0.0f, place - 0.5f), static_cast<float>(end))));
+}
+
+// Calls `draw(row, first, end)` with the columns of pixels whose centres a triangle holds, row by row.
+template <class Draw>
+void for_rows(const DrawnTriangle& triangle, int first, int last, int width, Draw draw) {
+    const float *top = triangle.a, *middle = triangle.b, *bottom = triangle.c;
+    if (middle[1] < top[1]) std::swap(top, middle);
+    if (bottom[1] < middle[1]) std::swap(middle, bottom);
+    if (middle[1] < top[1]) std::swap(top, middle);
+    const Edge whole(top, bottom);
+    const auto part = [&](const float* from, const float* to) {
+        const Edge edge(from, to);
+        const int end = std::min(first_beyond(to[1], last), last);
+        for (int y = std::max(first_beyond(from[1], last), first); y < end; ++y) {
+            const float place = static_cast<float>(y) + 0.5f, one = whole.at(place), other = edge.at(place);
+            draw(y, first_beyond(std::min(one, other), width), first_beyond(std::max(one, other), width));
+        }
+    };
+    part(top, middle), part(middle, bottom);
+}
+
+// Raises the columns [first, end) of a row of a map to the nearness of a triangle. In whole vectors, of
+// which a row has some: most triangles are a few pixels wide.
+inline void raise(const DrawnTriangle& triangle, int y, int first, int end, float* row) {
+    constexpr int kLanes = sizeof(Floats) / sizeof(float);
+    static_assert(kCell % kLanes == 0);
+    const float begin = triangle.a[2] + (static_cast<float>(y) + 0.5f - triangle.a[1]) * triangle.down;
+    const float left = static_cast<float>(first), right = static_cast<float>(end);
+    for (int x = first / kLanes * kLanes; x < end; x += kLanes) {
+        const Floats place = kMiddles + static_cast<float>(x), before = load<Floats>(row + x);
+        Floats near = begin + (place - triangle.a[0]) * triangle.across;
+        near = near < triangle.low ? triangle.low - Floats{} : near;  // slivers have any slope
+        near = near > triangle.high ? triangle.high - Floats{} : near;
+        store(row + x, (place > left) & (place < right) & (near > before) ? near : before);
+    }
+}
+
 // Raises rows [first, last) of a map to the nearness of triangles with corners (V, 3) [px, px, nearness].
 void draw_nearness(Array<const float, 2> points, Array<const std::int32_t, 2> faces, const Cutout& cutout,
                    int first, int last, Array<float, 2> map) {
@@ -219,18 +262,31 @@ void draw_nearness(Array<const float, 2> points, Array<const std::int32_t, 2> fa
         if (!(top <= end) || !(left_most <= std::max({a[0], b[0], c[0]}) - 0.5f)) continue;  // no centre
         const DrawnTriangle triangle(a, b, c);
         if (!std::isfinite(triangle.scale)) continue;
-        for (int y = static_cast<int>(top); static_cast<float>(y) <= end; ++y) {
-            const float v = static_cast<float>(y) + 0.5f;
-            const auto [left, right] = triangle.columns(v, map.shape[1]);
+        for_rows(triangle, first, last, map.shape[1], [&](int y, int left, int right) {
             float* row = map.at(y);
-            for (int x = left; solid && x < right; ++x)
-                row[x] = std::max(row[x], triangle.nearness(static_cast<float>(x) + 0.5f, v));
-            for (int x = left; !solid && x < right; ++x) {
-                const float u = static_cast<float>(x) + 0.5f, found = triangle.nearness(u, v);
+            if (solid) return raise(triangle, y, left, right, row);
+            for (int x = left; x < right; ++x) {
+                const float u = static_cast<float>(x) + 0.5f, v = static_cast<float>(y) + 0.5f;
+                const float found = triangle.nearness(u, v);
                 float weights[3];
                 triangle.weigh(u, v, weights);
                 if (found > row[x] && cutout.drawn(corners, weights)) row[x] = found;
             }
+        });
+    }
+}
+
+// The highest nearness (h / kCell, w / kCell) in each cell of some rows (h, w) of a map.
+void highest_in_cells(Array<const float, 2> map, Array<float, 2> highest) {
+    for (int cell_y = 0; cell_y < highest.shape[0]; ++cell_y) {
+        for (int cell_x = 0; cell_x < highest.shape[1]; ++cell_x) {
+            float columns[kCell];
+            std::copy_n(map.at(kCell * cell_y) + kCell * cell_x, kCell, columns);
+            for (int y = 1; y < kCell; ++y) {
+                const float* row = map.at(kCell * cell_y + y) + kCell * cell_x;
+                for (int x = 0; x < kCell; ++x) columns[x] = columns[x] > row[x] ? columns[x] : row[x];
+            }
+            highest(cell_y, cell_x) = *std::max_element(columns, columns + kCell);
         }
     }
 }
@@ -286,6 +342,7 @@ float visible(const DepthMaps& maps, int number, Vector place, Vector facet, Vec
 void bind_light_depth(nanobind::module_& module) {
     module.attr("LIGHT_DEPTH_CELL") = kCell;
     module.def("draw_nearness", &draw_nearness, Unlocked());
+    module.def("highest_in_cells", &highest_in_cells, Unlocked());
     module.def("visible_points", &visible_points, Unlocked());
 }
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from operator import is_
 
 import cv2
@@ -22,15 +23,17 @@ from nlens_video.native import kernels
 from nlens_video.render.base.opacity import Opacities, texturing
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Lamp, on_ball
-from nlens_video.scene.posed import PosedMesh, PosedScene
+from nlens_video.scene.posed import PosedMesh, PosedScene, bounds_of
 
 MOST = 4
 """Lights whose depth is drawn: the strongest ones."""
 SIDES = 128, 1024
-"""Least and greatest width and height of a map, a power of two [px]."""
+"""Least and greatest width and height of a map [px]."""
 CELL: int = kernels.LIGHT_DEPTH_CELL
 """Width and height of the cells whose highest nearness is known [px]."""
 _SOFTEST = 1 / 16  # largest radius of the filter; shadows that are softer still come out harder [1]
+_STEPS = 4  # of the width from one power of two to the next
+_BANDS = 2  # of a map, for each thread: some rows take longer than others
 _MARGIN = 2  # around the object [px]
 _LIFT = 0.02  # of points whose triangle faces away from the light [1]
 _NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
@@ -84,7 +87,7 @@ class LightDepth:
         Args:
             posed: the object, at one moment.
             lamps: what lights it.
-            side: width and height of the maps, one of `SIDES` or a power of two between [px].
+            side: width and height of the maps, a multiple of `CELL` within `SIDES` [px].
             opacities: of its surfaces.
 
         Returns:
@@ -93,8 +96,8 @@ class LightDepth:
         casters = _casters(posed, opacities)
         if not casters or not lamps:
             return None
-        points = np.concatenate([mesh.positions for mesh, _ in casters]).astype(np.float64)
-        bounds = np.stack([points.min(axis=0), points.max(axis=0)])
+        points = np.concatenate([mesh.positions for mesh, _ in casters])
+        bounds = bounds_of(points).astype(np.float64)
         if not np.isfinite(bounds).all() or not np.ptp(bounds, axis=0).any():
             return None
         lights = _strongest(lamps, bounds)
@@ -102,12 +105,14 @@ class LightDepth:
             return None
         matrices = np.stack([_matrix(lamps[number], bounds) for number in lights])
         places = _fitted(matrices, points, side)
-        nearness = np.full((len(lights), side, side), _NOTHING)
-        _draw(nearness, places, casters)
+        nearness, cells = _drawn(places, casters, side)
         return cls(
-            lights=tuple(lights), matrices=matrices, nearness=nearness, highest=_highest(nearness),
+            lights=tuple(lights),
+            matrices=matrices,
+            nearness=nearness,
+            highest=_spread(cells, side),
             softness=tuple(math.tan(0.5 * lamps[number].diameter) for number in lights),
-        )  # fmt: skip
+        )
 
     def rows(self, eye: Float64) -> Float32:
         """Numbers of each view (K, 32), for places relative to the eye (3,).
@@ -227,11 +232,12 @@ def _across(axis: Float64) -> tuple[Float64, Float64]:
     return first, np.cross(axis, first)
 
 
-def _fitted(matrices: Float64, points: Float64, side: int) -> Float32:
+def _fitted(matrices: Float64, points: Float32, side: int) -> Float32:
     """Places (K, V, 3) of some points (V, 3); matrices are changed so that the maps hold them."""
     found = np.empty((len(matrices), len(points), 3), np.float32)
+    columns = points.T.astype(np.float64, order="C")
     for matrix, places in zip(matrices, found, strict=True):
-        seen = matrix[:, :3] @ points.T + matrix[:, 3:]  # coordinate by coordinate, which is quick
+        seen = matrix[:, :3] @ columns + matrix[:, 3:]  # coordinate by coordinate, which is quick
         if matrix[3, :3].any():
             seen /= seen[3]
         low, high = seen[:2].min(axis=1), seen[:2].max(axis=1)
@@ -242,29 +248,33 @@ def _fitted(matrices: Float64, points: Float64, side: int) -> Float32:
     return found
 
 
-def _draw(nearness: Float32, places: Float32, casters: Sequence[tuple[PosedMesh, Cutout]]) -> None:
-    """Draw meshes with vertices at places (K, V, 3) into maps (K, side, side)."""
-    count, side = nearness.shape[:2]
-    threads = processors()
+def _drawn(
+    places: Float32, casters: Sequence[tuple[PosedMesh, Cutout]], side: int
+) -> tuple[Float32, Float32]:
+    """Maps (K, side, side) of meshes with vertices at places (K, V, 3), and each cell's highest."""
+    count, cells = len(places), side // CELL
+    nearness = np.empty((count, side, side), np.float32)
+    highest = np.empty((count, cells, cells), np.float32)
     starts = np.cumsum([0, *(len(mesh.positions) for mesh, _ in casters)])
+    edges = np.linspace(0, cells, min(cells, _BANDS * processors()) + 1).astype(int).tolist()
 
-    def draw_band(number: int) -> None:
-        one, band = divmod(number, threads)
-        first, last = side * band // threads, side * (band + 1) // threads
+    def draw_band(band: tuple[int, int, int]) -> None:
+        one, first, last = band
+        rows = CELL * first, CELL * last
+        nearness[one, slice(*rows)] = _NOTHING
         for (mesh, cutout), begin in zip(casters, starts, strict=False):
             own = places[one, begin : begin + len(mesh.positions)]
-            kernels.draw_nearness(own, mesh.faces, cutout, first, last, nearness[one])
+            kernels.draw_nearness(own, mesh.faces, cutout, *rows, nearness[one])
+        kernels.highest_in_cells(nearness[one, slice(*rows)], highest[one, first:last])
 
-    parallel_for(draw_band, range(threads * count))
+    parallel_for(draw_band, [(one, *band) for one in range(count) for band in pairwise(edges)])
+    return nearness, highest
 
 
-def _highest(nearness: Float32) -> Float32:
+def _spread(cells: Float32, side: int) -> Float32:
     """The highest nearness in and around each cell."""
-    side = nearness.shape[1]
     reach = math.ceil((_SOFTEST * side + 2) / CELL)
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    rows = np.maximum.reduceat(nearness, np.arange(0, side, CELL), axis=1)
-    cells = np.maximum.reduceat(rows, np.arange(0, side, CELL), axis=2)
     return np.stack([np.asarray(cv2.dilate(one, around), np.float32) for one in cells])
 
 
@@ -279,5 +289,6 @@ def side_for(posed: PosedScene, camera: Camera) -> int:
     size = float(np.linalg.norm(high - low))
     distance = float(np.linalg.norm(camera.world_from_camera[:3, 3] - 0.5 * (low + high)))
     seen = max(camera.fx, camera.fy) * size / max(distance, 0.5 * size, np.finfo(np.float64).tiny)
-    least, most = SIDES
-    return 1 << math.ceil(math.log2(min(max(seen, least), most)))
+    wanted = min(max(seen, SIDES[0]), SIDES[1])
+    step = (1 << math.floor(math.log2(wanted))) // _STEPS  # few, so that it seldom changes
+    return step * math.ceil(wanted / step)
