@@ -38,11 +38,12 @@ from nlens_video.core.settings import (
     SunSettings,
 )
 from nlens_video.effects.shadow.apply import Shadow
+from nlens_video.effects.shadow.casters import Casting
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.base.view import ScreenBounds, View
+from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import GraphExecutor
 from nlens_video.graph.session import open_session
@@ -239,9 +240,9 @@ class _UnblurredShadow(Node):
     def __init__(self, shadow: Node) -> None:
         self._shadow = shadow
 
-    def __call__(self, bounds: ScreenBounds) -> Shadow | None:
+    def __call__(self, casters: Casting) -> Shadow | None:
         """Cast it."""
-        return self._shadow.run(bounds, None, None, None)
+        return self._shadow.run(casters, None, None)
 
 
 def _sharp_shadow(glb: Path) -> Image.Image:

@@ -13,8 +13,6 @@ before 1.0 (`[[node]]` tables) are read as well.
 
 from __future__ import annotations
 
-import inspect
-import math
 import tomllib
 from dataclasses import dataclass, field
 from importlib import resources
@@ -22,6 +20,7 @@ from pathlib import Path
 
 from nlens_video.core.errors import UsageError
 from nlens_video.graph.base.node import LANES, Node
+from nlens_video.graph.base.node_options import check_options
 from nlens_video.graph.base.values import GIVEN
 from nlens_video.graph.node_registry import NODES
 
@@ -172,34 +171,8 @@ def _spec(entry: object, path: Path) -> NodeSpec:
     if fallback_for is not None and fallback_for not in NODES:
         raise UsageError(f"{path}: node {name!r} stands in for {fallback_for!r}, which is no node")
     options = {key: value for key, value in table.items() if key not in _NODE_KEYS}
-    _check_options(NODES[name], options, path)
+    check_options(NODES[name], options, path)
     return NodeSpec(type=NODES[name], options=options, fallback_for=fallback_for)
-
-
-def _check_options(node: type[Node], options: dict[str, object], path: Path) -> None:
-    """See that a node has options of these names, types and ranges."""
-    parameters = inspect.signature(node.__init__).parameters
-    known = {name: one for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
-    ranges = {name: (least, most) for name, least, most in node.ranges}
-    for name, value in options.items():
-        if name not in known:
-            raise UsageError(
-                f"{path}: node {node.name!r} has no option {name!r}; it has "
-                f"{', '.join(known) or 'none'}"
-            )
-        wanted = type(known[name].default)
-        fits = isinstance(value, wanted) and (wanted is bool or not isinstance(value, bool))
-        if not fits and not (wanted is float and type(value) is int):
-            raise UsageError(
-                f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected "
-                f"{wanted.__name__}"
-            )
-        least, most = ranges.get(name, (-math.inf, math.inf))
-        if isinstance(value, int | float) and not (math.isfinite(value) and least <= value <= most):
-            expected = f"{least:g} to {most:g}" if name in ranges else "a finite number"
-            raise UsageError(
-                f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected {expected}"
-            )
 
 
 def _check_order(specs: tuple[NodeSpec, ...], path: Path) -> None:
@@ -244,6 +217,9 @@ _BEFORE = {"composite-shadow": "blur-shadow", "composite-reflection": "blur-refl
 """Nodes with the one whose result they take, which files of the former form do not list."""
 
 
+_READ_SHADOW = ("distort-shadow", "foreground", "blur-shadow")
+
+
 def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
     """Today's form of a file from before 1.0, whose tables also spell out ports and lanes."""
     tables, about = raw.get("node"), raw.get("pipeline", {})
@@ -262,7 +238,19 @@ def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
     for after, before in _BEFORE.items():
         for at in [at for at, node in enumerate(nodes) if node["node"] == after]:
             nodes.insert(at, {"node": before})
+    _split_shadow(nodes)
     return {"summary": about.get("summary", ""), "nodes": nodes}
+
+
+def _split_shadow(nodes: list[dict[str, object]]) -> None:
+    """Let what casts the shadow be posed where the shadow was cast, which comes later now."""
+    for at, node in enumerate(nodes):
+        if node["node"] == "shadow":
+            moved = [key for key in ("most_moments",) if key in node]
+            nodes[at] = {"node": "shadow-casters", **{key: node.pop(key) for key in moved}}
+            readers = (k for k, one in enumerate(nodes) if one["node"] in _READ_SHADOW)
+            nodes.insert(next(readers, len(nodes)), node)
+            return
 
 
 def _current_name(table: dict[str, object], path: Path) -> str:

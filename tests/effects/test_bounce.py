@@ -8,8 +8,8 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.effects.shadow.bounce import bounce, sent_light
-from nlens_video.effects.shadow.cast import CastShadow, Moment
-from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.casters import Casters, Moment
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.patches import PosedPatches

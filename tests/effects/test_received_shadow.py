@@ -29,7 +29,7 @@ from nlens_video.graph.base.context import NodeContext, OcclusionSource, ShadowS
 from nlens_video.graph.base.object_source import RenderedObject
 from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.moving_foreground import find_moving_foreground
-from nlens_video.graph.nodes.ground import BlurShadow, CompositeShadow, ShadowNode
+from nlens_video.graph.nodes.ground import BlurShadow, CompositeShadow, ShadowCasters, ShadowNode
 from nlens_video.scene.illumination import Illumination, Lamp, hemispheres, sun
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -249,7 +249,8 @@ def test_ground_in_the_objects_shadow_is_as_dark_in_the_cards_too(scene):
     bounds = ScreenBounds(
         time_s=0.0, camera=camera, box=frame, nearest=1.0, farthest=9.0, plate_light=light
     )
-    shadow = ShadowNode(context)(bounds, None, None, None)
+    casters = ShadowCasters(context)(bounds, None, None)
+    shadow = ShadowNode(context)(casters, None, None)
     clean = ArrayPicture(shots.plate(), "rgb").linear(frame)
     things = MovingThings(
         lambda *given: None,

@@ -16,11 +16,12 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.ambient import from_around, hemisphere, surface_points
 from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
-from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import (
     CasterCache,
     Casters,
     ClippedMesh,
+    Moment,
     Occluder,
     project_along_light,
 )

@@ -6,8 +6,8 @@ from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.effects.motion_blur import sampled_count
-from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
-from nlens_video.effects.shadow.casters import Casters
+from nlens_video.effects.shadow.cast import CastShadow, shadow_places
+from nlens_video.effects.shadow.casters import Casters, Moment
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.scene.illumination import Illumination, Lamp, sun
 

@@ -13,9 +13,9 @@ from nlens_video.core.layers import Box, DepthMap
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Distortion
 from nlens_video.effects.camera.distortion_apply import DistortionMap, undistorted_depth
-from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import Casters, Occluder, TransparentCaster
+from nlens_video.effects.shadow.casters import Casters, Moment, Occluder, TransparentCaster
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.effects.shadow.light_views import LightViews, SampledCasters
 from nlens_video.effects.shadow.shadow_maps import blocked, draw

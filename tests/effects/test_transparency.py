@@ -12,8 +12,8 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.objects import Playback
 from nlens_video.core.optics import Shutter
 from nlens_video.effects.motion_blur import Motion
-from nlens_video.effects.shadow.cast import CastShadow, Moment
-from nlens_video.effects.shadow.casters import CasterCache, Casters
+from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.casters import CasterCache, Casters, Moment
 from nlens_video.effects.shadow.coverage import covered_reference, edges_of, mark_covered
 from nlens_video.effects.shadow.transparency import absorb, absorb_reference, no_absorption
 from nlens_video.graph.base.context import NodeContext, ShadowScene
@@ -22,6 +22,7 @@ from nlens_video.graph.base.view import ScreenBounds, View
 from nlens_video.graph.nodes.ground import (
     BlurShadow,
     CompositeShadow,
+    ShadowCasters,
     ShadowNode,
     equal_values,
 )
@@ -153,7 +154,12 @@ def stages(scene, shutter=STILL):
     def darken(picture, shadow):
         return composite(picture, blur(picture, shadow, FRAME, None, None))
 
-    return ShadowNode(context), darken
+    casters, cast = ShadowCasters(context), ShadowNode(context)
+
+    def shadow(bounds, fit, motion):
+        return cast(casters(bounds, fit, motion), fit, None)
+
+    return shadow, darken
 
 
 def placed(time_s, camera=None):
@@ -166,15 +172,15 @@ def test_shadow_is_cast_again_only_if_object_camera_or_fit_changes(tmp_path):
     scene = card(tmp_path / "a.glb", "BLEND", factor=0.4, motion=True)
     shadow, _ = stages(scene)
     fit = LensFit(slope=20.0, intercept=-8.0, width=WIDTH, height=HEIGHT)
-    first = shadow(placed(0.0), fit, None, None)
-    assert shadow(placed(0.5), fit, None, None) is first  # it rests until 1 s
-    assert shadow(placed(0.5), None, None, None) is not first
-    again = shadow(placed(0.6), fit, None, None)
+    first = shadow(placed(0.0), fit, None)
+    assert shadow(placed(0.5), fit, None) is first  # it rests until 1 s
+    assert shadow(placed(0.5), None, None) is not first
+    again = shadow(placed(0.6), fit, None)
     assert np.array_equal(again.loss, first.loss)
     moved = looking_down()
     moved.world_from_camera[0, 3] = 0.1
-    assert shadow(placed(0.6, moved), fit, None, None) is not again
-    assert shadow(placed(1.5), fit, None, None).box != first.box
+    assert shadow(placed(0.6, moved), fit, None) is not again
+    assert shadow(placed(1.5), fit, None).box != first.box
 
 
 def test_shadow_of_a_moving_object_has_motion_blur_if_enabled(tmp_path):
@@ -182,7 +188,7 @@ def test_shadow_of_a_moving_object_has_motion_blur_if_enabled(tmp_path):
     motion = Motion(span_px=5.0, spread_px=0.0, refocus_px=0.0, ways=np.array([[5.0, 0.0]]))
 
     def profile(shutter, given):
-        shadow = stages(scene, shutter)[0](placed(1.5), None, given, None)
+        shadow = stages(scene, shutter)[0](placed(1.5), None, given)
         row = shadow.loss[60 - shadow.box.y0, :, 0]
         return int((row > 0.2).sum()), float(np.abs(np.diff(row)).max())
 
@@ -198,7 +204,7 @@ def test_static_shadow_darkens_every_frame_identically(tmp_path):
     results = []
     for time_s in (0.0, 0.1):
         picture = ArrayPicture(np.full((HEIGHT, WIDTH, 3), 0.5, np.float32), "rgb", LINEAR)
-        darken(picture, shadow(placed(time_s), fit, None, None))
+        darken(picture, shadow(placed(time_s), fit, None))
         results.append(picture.array)
     # 0.4 of the sun, which gives a third of the light, is gone, and some of the light around
     assert np.array_equal(*results) and 0.35 < results[0].min() < 0.5 * (1 - 0.4 / 3)

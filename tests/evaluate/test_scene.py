@@ -10,9 +10,9 @@ from support.truth_folder import camera, cube_depth, write_rendered
 from nlens_video.cli.main import main
 from nlens_video.core.layers import Box, DepthMap
 from nlens_video.effects.shadow.apply import ApplyShadow
-from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import CasterCache, Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters, Moment
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.composite.light_cases import LIGHTS, light_cases
 from nlens_video.evaluate.plates import load_plate

@@ -28,7 +28,7 @@ from nlens_video.effects.shadow.ambient import (
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.bounce import bounce, sent_light
-from nlens_video.effects.shadow.casters import Casters, Occluder, project_along_light
+from nlens_video.effects.shadow.casters import Casters, Moment, Occluder, project_along_light
 from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
@@ -41,14 +41,6 @@ _PIXELS_A_DISC = 4.0  # across the smallest disc of the ground's blur [px]
 _FOLLOWED = 400  # vertices that measure the motion of the shadow
 BLACKEST = 0.999
 """Largest loss: some light always comes back from the body [1]."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """Shadow casters and camera at one moment."""
-
-    casters: Casters
-    camera: Camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,8 +16,8 @@ import numpy as np
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.shadow.apply import Grid, Shadow, pixels_of
-from nlens_video.effects.shadow.cast import BLACKEST, Moment, blur_margin, coarsest_step
-from nlens_video.effects.shadow.casters import Occluder
+from nlens_video.effects.shadow.cast import BLACKEST, blur_margin, coarsest_step
+from nlens_video.effects.shadow.casters import Moment, Occluder
 from nlens_video.effects.shadow.light_views import SampledCasters
 from nlens_video.effects.shadow.seen_lights import COARSE, SeenLights
 from nlens_video.effects.shadow.things import Things

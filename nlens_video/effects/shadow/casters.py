@@ -11,6 +11,7 @@ from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.render.base.opacity import Opacities, Opacity, texturing
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Geometry, Int32
+from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.posed import PosedMesh, PosedScene
 from nlens_video.scene.welding import welded_faces
 
@@ -94,6 +95,31 @@ class Casters:
         faces, edges = cache.joined(tuple(mesh.geometry for mesh in opaque))
         vertices = np.concatenate([mesh.positions for mesh in opaque])
         return cls(vertices.astype(np.float64), faces, edges, tuple(transparent))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """Shadow casters and camera at one moment."""
+
+    casters: Casters
+    camera: Camera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Casting:
+    """What casts a frame's shadow, and by which light.
+
+    Attributes:
+        moments: an odd number of temporal samples; the frame's own time is in the middle.
+        light: on the ground.
+        pose: the scene at the frame's own time.
+        camera: likewise.
+    """
+
+    moments: tuple[Moment, ...]
+    light: Illumination
+    pose: PosedScene
+    camera: Camera
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

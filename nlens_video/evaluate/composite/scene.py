@@ -17,9 +17,9 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Box, DepthMap, UInt8
 from nlens_video.effects.shadow.apply import ApplyShadow, Shadow
-from nlens_video.effects.shadow.cast import CastShadow, Moment
+from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import CasterCache, Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters, Moment
 from nlens_video.evaluate.bench.case import plate_case
 from nlens_video.evaluate.composite.light_cases import (
     AROUND,

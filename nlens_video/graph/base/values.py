@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import Shadow
+    from nlens_video.effects.shadow.casters import Casting
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
@@ -68,6 +69,7 @@ class FrameValues:
         layer: premultiplied colour, coverage and depth of the sharp object.
         defocused: that layer with its signed CoC [px] and the surfaces that it hides.
         views: mean of a few aperture samples, and its share of the result.
+        casters: what casts the shadow, and the light on the ground.
         shadow: share of the ground's light that the object blocks, with the ground's CoC.
         darkening: what darkens the plate, as a layer whose colours are multiples of its light.
         reflection: mirror image of the object in the ground, with its CoC.
@@ -95,6 +97,7 @@ class FrameValues:
     layer: ObjectLayer | None = None
     defocused: DefocusedLayer | None = None
     views: ViewBlend | None = None
+    casters: Casting | None = None
     shadow: Shadow | None = None
     darkening: BlurredLayer | None = None
     reflection: DefocusedLayer | None = None

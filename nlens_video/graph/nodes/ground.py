@@ -28,9 +28,9 @@ from nlens_video.effects.shadow.apply import (
     ground_blur,
     multiply,
 )
-from nlens_video.effects.shadow.cast import CastShadow, Moment, shadow_places
+from nlens_video.effects.shadow.cast import CastShadow, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import CasterCache, Casters
+from nlens_video.effects.shadow.casters import CasterCache, Casters, Casting, Moment
 from nlens_video.graph.base.node import LARGEST_MOMENTS, Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.scene.patches import Patches
@@ -41,11 +41,9 @@ if TYPE_CHECKING:
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import BlurredShadow, Shadow
-    from nlens_video.graph.base.context import NodeContext
+    from nlens_video.graph.base.context import NodeContext, ShadowScene
     from nlens_video.graph.base.view import ScreenBounds
-    from nlens_video.scene.camera import Camera
     from nlens_video.scene.illumination import Illumination
-    from nlens_video.scene.posed import PosedScene
     from nlens_video.stages.composite import Foreground
     from nlens_video.video.info import SourceFrame
 
@@ -73,97 +71,30 @@ class PlateDepth(Node):
         return undistorted_depth(depth, DistortionMap.of(self._model, bounds.camera))
 
 
-class ShadowNode(Node):
-    """Soft shadow by differential rendering (Debevec 1998), temporal samples where it moves."""
+class ShadowCasters(Node):
+    """What casts the shadow, at temporal samples where it moves, and the light on the ground."""
 
-    name, writes = "shadow", "shadow"
+    name, writes = "shadow-casters", "casters"
     effect = SHADOW
-    ranges = (
-        ("lamp_points", 1, 4096), ("ambient_directions", 1, 4096),
-        ("most_moments", 1, LARGEST_MOMENTS),
-    )  # fmt: skip
+    ranges = (("most_moments", 1, LARGEST_MOMENTS),)
 
-    def __init__(
-        self,
-        context: NodeContext,
-        *,
-        lamp_points: int = 24,
-        ambient_directions: int = 64,
-        most_moments: int = 9,
-    ) -> None:
-        if context.shadow_scene is None:
-            raise Unavailable("no scene to cast a shadow")
-        self._context, self._scene = context, context.shadow_scene
+    def __init__(self, context: NodeContext, *, most_moments: int = 9) -> None:
+        self._context, self._scene = context, _shadow_scene(context)
         self._most_moments = most_moments
-        self._cast = CastShadow(
-            strength=self._scene.strength,
-            lamp_points=lamp_points,
-            ambient_directions=ambient_directions,
-        )
-        self._cast_on_things = CastOnThings(
-            strength=self._scene.strength,
-            lamp_points=lamp_points,
-            ambient_directions=ambient_directions,
-        )
-        self._caster_cache = CasterCache()
-        # a layer's own colours are not those of the GLB that casts its shadow
-        first = self._scene.pose(0.0)
-        self._patches = None if self._scene.pre_rendered else Patches.of(first)
+        self._cache = CasterCache()
         # far from the world's origin float32 would let the shadow tremble
-        self._origin = first.origin
-        self._last: tuple[tuple[object, ...], Shadow | None] | None = None
+        self._origin = self._scene.pose(0.0).origin
         self.description = (
-            f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
-            "directions; cached while nothing moves, temporal samples where it moves by a "
-            "pixel over the shutter interval"
+            "triangles and light on the ground, temporal samples where they move by a pixel over "
+            "the shutter interval"
         )
 
-    def __call__(
-        self,
-        bounds: ScreenBounds,
-        fit: LensFit | None,
-        motion: Motion | None,
-        plate_depth: DepthMap | None,
-    ) -> Shadow | None:
+    def __call__(self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None) -> Casting:
         pose = self._scene.pose(bounds.time_s).about_origin()
         bounds = replace(bounds, camera=bounds.camera.about(self._origin))
         light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         moments = self._moments(bounds, fit, motion, light)
-        given = (moments, light, fit, plate_depth)
-        if self._last is None or not equal_values(self._last[0], given):
-            shadow = self._shadow(moments, light, fit, plate_depth, pose)
-            if shadow is not None and self._context.occlusion is not None:
-
-                def shade() -> Shade | None:
-                    """In the shadow of what moves."""
-                    sunlight = self._sunlight(light, bounds.camera, pose)
-                    if sunlight is None:
-                        return None
-                    rest = tuple(one for one in light.lamps if one is not sunlight.sun)
-                    around = replace(light, lamps=rest)
-                    shaded = self._shadow(moments, around, fit, plate_depth, pose)
-                    return Shade(shaded, sunlight.in_shadow)
-
-                shadow = replace(shadow, shade=cache(shade))
-            self._last = given, shadow
-        return self._last[1]
-
-    def _shadow(
-        self, moments: tuple[Moment, ...], light: Illumination, fit: LensFit | None,
-        plate_depth: DepthMap | None, pose: PosedScene,
-    ) -> Shadow | None:  # fmt: skip
-        height = self._height
-        patches = None if self._patches is None else self._patches.at(pose)
-        shadow = self._cast(moments, light, height, fit, patches)
-        if plate_depth is None:
-            return shadow
-        return self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
-
-    def _sunlight(self, light: Illumination, camera: Camera, pose: PosedScene) -> Sunlight | None:
-        """The sun that what moves may hide from the ground; None where none is known."""
-        sun = self._scene.light.known_sun(light, camera, pose.lights)
-        contact = contact_point(pose.vertices(), self._height)
-        return None if light.ambient is None else Sunlight.known(sun, light, light, contact)
+        return Casting(moments=moments, light=light, pose=pose, camera=bounds.camera)
 
     def _moments(
         self,
@@ -176,7 +107,7 @@ class ShadowNode(Node):
         still = (self._seen(bounds.time_s, bounds),)
         if motion is None:
             return still
-        height = self._height
+        height = _height(self._context, self._origin)
         shutter = self._context.objects.shutter_at(self._context.shutter, bounds.time_s)
         edges = [self._seen(time_s, bounds) for time_s in shutter.edges(bounds.time_s)]
         if len({edge.casters.count for edge in edges}) > 1:
@@ -194,12 +125,89 @@ class ShadowNode(Node):
         if time_s != bounds.time_s:
             camera = self._context.objects.camera(time_s).about(self._origin)
         pose = self._scene.pose(time_s).about_origin()
-        return Moment(Casters.of(pose, self._caster_cache), camera)
+        return Moment(Casters.of(pose, self._cache), camera)
 
-    @property
-    def _height(self) -> float:
-        """Of the ground above the scene's origin [scene unit]."""
-        return self._context.ground_height - (0.0 if self._origin is None else self._origin[1])
+
+class ShadowNode(Node):
+    """Soft shadow by differential rendering (Debevec 1998)."""
+
+    name, writes = "shadow", "shadow"
+    effect, lane = SHADOW, "composite"
+    ranges = ("lamp_points", 1, 4096), ("ambient_directions", 1, 4096)
+
+    def __init__(
+        self, context: NodeContext, *, lamp_points: int = 24, ambient_directions: int = 64
+    ) -> None:
+        self._context, self._scene = context, _shadow_scene(context)
+        self._cast = CastShadow(
+            strength=self._scene.strength,
+            lamp_points=lamp_points,
+            ambient_directions=ambient_directions,
+        )
+        self._cast_on_things = CastOnThings(
+            strength=self._scene.strength,
+            lamp_points=lamp_points,
+            ambient_directions=ambient_directions,
+        )
+        # a layer's own colours are not those of the GLB that casts its shadow
+        first = self._scene.pose(0.0)
+        self._patches = None if self._scene.pre_rendered else Patches.of(first)
+        self._height = _height(context, first.origin)
+        self._last: tuple[tuple[object, ...], Shadow | None] | None = None
+        self.description = (
+            f"projected triangles, {lamp_points} samples a light, {ambient_directions} ambient "
+            "directions; cached while nothing moves"
+        )
+
+    def __call__(
+        self, casters: Casting, fit: LensFit | None, plate_depth: DepthMap | None
+    ) -> Shadow | None:
+        given = (casters.moments, casters.light, fit, plate_depth)
+        if self._last is None or not equal_values(self._last[0], given):
+            shadow = self._shadow(casters, fit, plate_depth)
+            if shadow is not None and self._context.occlusion is not None:
+
+                def shade() -> Shade | None:
+                    """In the shadow of what moves."""
+                    sunlight = self._sunlight(casters)
+                    if sunlight is None:
+                        return None
+                    light = casters.light
+                    rest = tuple(one for one in light.lamps if one is not sunlight.sun)
+                    around = replace(casters, light=replace(light, lamps=rest))
+                    return Shade(self._shadow(around, fit, plate_depth), sunlight.in_shadow)
+
+                shadow = replace(shadow, shade=cache(shade))
+            self._last = given, shadow
+        return self._last[1]
+
+    def _shadow(
+        self, casters: Casting, fit: LensFit | None, plate_depth: DepthMap | None
+    ) -> Shadow | None:
+        moments, light, height = casters.moments, casters.light, self._height
+        patches = None if self._patches is None else self._patches.at(casters.pose)
+        shadow = self._cast(moments, light, height, fit, patches)
+        if plate_depth is None:
+            return shadow
+        return self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
+
+    def _sunlight(self, casters: Casting) -> Sunlight | None:
+        """The sun that what moves may hide from the ground; None where none is known."""
+        light, pose = casters.light, casters.pose
+        sun = self._scene.light.known_sun(light, casters.camera, pose.lights)
+        contact = contact_point(pose.vertices(), self._height)
+        return None if light.ambient is None else Sunlight.known(sun, light, light, contact)
+
+
+def _shadow_scene(context: NodeContext) -> ShadowScene:
+    if context.shadow_scene is None:
+        raise Unavailable("no scene to cast a shadow")
+    return context.shadow_scene
+
+
+def _height(context: NodeContext, origin: Float64 | None) -> float:
+    """Of the ground above the scene's origin [scene unit]."""
+    return context.ground_height - (0.0 if origin is None else float(origin[1]))
 
 
 def _bounds(places: Float64) -> Box:
