@@ -38,7 +38,7 @@ from nlens_video.core.settings import (
     SunSettings,
 )
 from nlens_video.effects.shadow.apply import Shadow
-from nlens_video.effects.shadow.casters import Casting
+from nlens_video.effects.shadow.casters import FrameCasters
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
 from nlens_video.graph.base.plate_preview import PlatePreview
@@ -240,7 +240,7 @@ class _UnblurredShadow(Node):
     def __init__(self, shadow: Node) -> None:
         self._shadow = shadow
 
-    def __call__(self, casters: Casting) -> Shadow | None:
+    def __call__(self, casters: FrameCasters) -> Shadow | None:
         """Cast it."""
         return self._shadow.run(casters, None, None)
 

@@ -243,11 +243,12 @@ def _from_former(raw: dict[str, object], path: Path) -> dict[str, object]:
 
 
 def _split_shadow(nodes: list[dict[str, object]]) -> None:
-    """Let what casts the shadow be posed where the shadow was cast, which comes later now."""
+    """Put `shadow-casters` where `shadow` stands, and that before the first node that reads it."""
     for at, node in enumerate(nodes):
         if node["node"] == "shadow":
-            moved = [key for key in ("most_moments",) if key in node]
-            nodes[at] = {"node": "shadow-casters", **{key: node.pop(key) for key in moved}}
+            nodes[at] = {"node": "shadow-casters"}
+            if "most_moments" in node:
+                nodes[at]["most_moments"] = node.pop("most_moments")
             readers = (k for k, one in enumerate(nodes) if one["node"] in _READ_SHADOW)
             nodes.insert(next(readers, len(nodes)), node)
             return

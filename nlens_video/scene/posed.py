@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals, unit
 from nlens_video.scene.gltf.nodes import Skin
 from nlens_video.scene.illumination import PosedLight
 
+_Points = TypeVar("_Points", Float32, Float64)
 _SINGULAR = 1e-9  # size along an axis by that along the longest, which is none [1]
 _CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
 
@@ -113,8 +114,8 @@ class PosedScene:
         return bounds_of(self.vertices())
 
 
-def bounds_of(points: Float32) -> Float32:
-    """Lowest and highest corner (2, 3) of the box around points (V, 3)."""
+def bounds_of(points: _Points) -> _Points:
+    """Lowest and highest corner (2, 3) of the box around points (V, 3), V > 0."""
     columns = np.ascontiguousarray(points.T)  # NumPy is slow along an axis of three
     return np.stack([columns.min(axis=1), columns.max(axis=1)])
 
@@ -202,7 +203,7 @@ class Instance:
         """Lowest and highest corner (J, 2, 3) of each joint's vertices, infinite where none are."""
         positions = self.geometry.positions.astype(np.float64)
         if self._influence is None:
-            return np.stack([positions.min(axis=0), positions.max(axis=0)])[None]
+            return bounds_of(positions)[None]
         joints, weights = self._influence
         boxes = np.full((0 if self.skin is None else len(self.skin.joints), 2, 3), np.inf)
         boxes[:, 1] = -np.inf
@@ -219,7 +220,7 @@ class Instance:
             return reach
         for target, amount in zip(self.geometry.targets, amounts, strict=True):
             if amount:
-                ends = np.stack([target.min(axis=0), target.max(axis=0)]) * amount
+                ends = bounds_of(target) * amount
                 reach += np.sort(ends, axis=0)
         return reach
 

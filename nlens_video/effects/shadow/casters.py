@@ -106,7 +106,7 @@ class Moment:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Casting:
+class FrameCasters:
     """What casts a frame's shadow, and by which light.
 
     Attributes:

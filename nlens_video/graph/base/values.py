@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from nlens_video.effects.motion_blur import Motion
     from nlens_video.effects.occlusion_cues import OcclusionCue
     from nlens_video.effects.shadow.apply import Shadow
-    from nlens_video.effects.shadow.casters import Casting
+    from nlens_video.effects.shadow.casters import FrameCasters
     from nlens_video.graph.base.view import ScreenBounds
     from nlens_video.scene.illumination import Illumination
     from nlens_video.stages.composite import Foreground
@@ -97,7 +97,7 @@ class FrameValues:
     layer: ObjectLayer | None = None
     defocused: DefocusedLayer | None = None
     views: ViewBlend | None = None
-    casters: Casting | None = None
+    casters: FrameCasters | None = None
     shadow: Shadow | None = None
     darkening: BlurredLayer | None = None
     reflection: DefocusedLayer | None = None

@@ -30,7 +30,7 @@ from nlens_video.effects.shadow.apply import (
 )
 from nlens_video.effects.shadow.cast import CastShadow, shadow_places
 from nlens_video.effects.shadow.cast_on_things import CastOnThings
-from nlens_video.effects.shadow.casters import CasterCache, Casters, Casting, Moment
+from nlens_video.effects.shadow.casters import CasterCache, Casters, FrameCasters, Moment
 from nlens_video.graph.base.node import LARGEST_MOMENTS, Node, Unavailable
 from nlens_video.graph.nodes.reblur import make_reblur
 from nlens_video.scene.patches import Patches
@@ -89,12 +89,14 @@ class ShadowCasters(Node):
             "the shutter interval"
         )
 
-    def __call__(self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None) -> Casting:
+    def __call__(
+        self, bounds: ScreenBounds, fit: LensFit | None, motion: Motion | None
+    ) -> FrameCasters:
         pose = self._scene.pose(bounds.time_s).about_origin()
         bounds = replace(bounds, camera=bounds.camera.about(self._origin))
         light = self._scene.light.on_ground(pose.lights, bounds.plate_light)
         moments = self._moments(bounds, fit, motion, light)
-        return Casting(moments=moments, light=light, pose=pose, camera=bounds.camera)
+        return FrameCasters(moments=moments, light=light, pose=pose, camera=bounds.camera)
 
     def _moments(
         self,
@@ -160,7 +162,7 @@ class ShadowNode(Node):
         )
 
     def __call__(
-        self, casters: Casting, fit: LensFit | None, plate_depth: DepthMap | None
+        self, casters: FrameCasters, fit: LensFit | None, plate_depth: DepthMap | None
     ) -> Shadow | None:
         given = (casters.moments, casters.light, fit, plate_depth)
         if self._last is None or not equal_values(self._last[0], given):
@@ -182,7 +184,7 @@ class ShadowNode(Node):
         return self._last[1]
 
     def _shadow(
-        self, casters: Casting, fit: LensFit | None, plate_depth: DepthMap | None
+        self, casters: FrameCasters, fit: LensFit | None, plate_depth: DepthMap | None
     ) -> Shadow | None:
         moments, light, height = casters.moments, casters.light, self._height
         patches = None if self._patches is None else self._patches.at(casters.pose)
@@ -191,7 +193,7 @@ class ShadowNode(Node):
             return shadow
         return self._cast_on_things(shadow, moments, light, height, fit, plate_depth)
 
-    def _sunlight(self, casters: Casting) -> Sunlight | None:
+    def _sunlight(self, casters: FrameCasters) -> Sunlight | None:
         """The sun that what moves may hide from the ground; None where none is known."""
         light, pose = casters.light, casters.pose
         sun = self._scene.light.known_sun(light, casters.camera, pose.lights)

@@ -224,7 +224,7 @@ void for_rows(const DrawnTriangle& triangle, int first, int last, int width, Dra
     const Edge whole(top, bottom);
     const auto part = [&](const float* from, const float* to) {
         const Edge edge(from, to);
-        const int end = std::min(first_beyond(to[1], last), last);
+        const int end = first_beyond(to[1], last);
         for (int y = std::max(first_beyond(from[1], last), first); y < end; ++y) {
             const float place = static_cast<float>(y) + 0.5f, one = whole.at(place), other = edge.at(place);
             draw(y, first_beyond(std::min(one, other), width), first_beyond(std::max(one, other), width));
@@ -243,8 +243,8 @@ inline void raise(const DrawnTriangle& triangle, int y, int first, int end, floa
     for (int x = first / kLanes * kLanes; x < end; x += kLanes) {
         const Floats place = kMiddles + static_cast<float>(x), before = load<Floats>(row + x);
         Floats near = begin + (place - triangle.a[0]) * triangle.across;
-        near = near < triangle.low ? triangle.low - Floats{} : near;  // slivers have any slope
-        near = near > triangle.high ? triangle.high - Floats{} : near;
+        near = near < triangle.low ? Floats{} + triangle.low : near;  // slivers have any slope
+        near = near > triangle.high ? Floats{} + triangle.high : near;
         store(row + x, (place > left) & (place < right) & (near > before) ? near : before);
     }
 }

@@ -110,7 +110,7 @@ class LightDepth:
             lights=tuple(lights),
             matrices=matrices,
             nearness=nearness,
-            highest=_spread(cells, side),
+            highest=_spread(cells),
             softness=tuple(math.tan(0.5 * lamps[number].diameter) for number in lights),
         )
 
@@ -271,9 +271,9 @@ def _drawn(
     return nearness, highest
 
 
-def _spread(cells: Float32, side: int) -> Float32:
-    """The highest nearness in and around each cell."""
-    reach = math.ceil((_SOFTEST * side + 2) / CELL)
+def _spread(cells: Float32) -> Float32:
+    """The highest nearness in and around each cell (K, cells, cells), from that in each."""
+    reach = math.ceil((_SOFTEST * CELL * cells.shape[1] + 2) / CELL)
     around = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.stack([np.asarray(cv2.dilate(one, around), np.float32) for one in cells])
 
