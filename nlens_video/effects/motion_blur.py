@@ -21,6 +21,7 @@ import numpy as np
 from nlens_video.core.box import Int64
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectLayer
 from nlens_video.effects.motion_turn import shared_turn
+from nlens_video.scene.posed import bounds_of
 
 NEGLIGIBLE_SPAN_PX = 1.0
 MOST_MOMENTS = 33
@@ -132,8 +133,9 @@ def affordable_moments(most: int, places: Sequence[Float64], frame: Box) -> int:
         places: positions of vertices (V, 2) while the shutter is open [px].
         frame: the frame's own box.
     """
-    low = np.clip(np.min([one.min(axis=0) for one in places], axis=0), (frame.x0, frame.y0), None)
-    high = np.clip(np.max([one.max(axis=0) for one in places], axis=0), None, (frame.x1, frame.y1))
+    low, high = bounds_of(np.concatenate(places))
+    low = np.clip(low, (frame.x0, frame.y0), None)
+    high = np.clip(high, None, (frame.x1, frame.y1))
     area = max(1.0, float(np.prod(np.maximum(high - low, 0.0))))
     return int(most * min(max(1.0, _FULL_HD_PX / area), _MOST_TIMES))
 

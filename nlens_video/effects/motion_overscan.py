@@ -10,6 +10,7 @@ from functools import reduce
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64
+from nlens_video.scene.posed import bounds_of
 from nlens_video.stages.l_reblur import ReblurLayer
 
 _EXTENDED_PX = 2  # so narrow a strip beyond the border looks as the border itself [px]
@@ -29,8 +30,8 @@ def overscan(places: Sequence[Float64], half_px: Float64, reach_px: float, frame
     Returns:
         The box; the frame itself where nothing comes in, an empty one where the object stays out.
     """
-    low = np.min([one.min(axis=0) for one in places], axis=0) - reach_px
-    high = np.max([one.max(axis=0) for one in places], axis=0) + reach_px
+    low, high = bounds_of(np.concatenate(places))
+    low, high = low - reach_px, high + reach_px
     columns, rows = (
         min(math.ceil(float(half)), size)
         for half, size in zip(half_px, (frame.width, frame.height), strict=True)

@@ -115,8 +115,8 @@ class PosedScene:
 
 
 def bounds_of(points: _Points) -> _Points:
-    """Lowest and highest corner (2, 3) of the box around points (V, 3), V > 0."""
-    columns = np.ascontiguousarray(points.T)  # NumPy is slow along an axis of three
+    """Lowest and highest corner (2, N) of the box around points (V, N), V > 0."""
+    columns = np.ascontiguousarray(points.T)  # NumPy is slow along an axis of two or three
     return np.stack([columns.min(axis=1), columns.max(axis=1)])
 
 

@@ -106,9 +106,10 @@ def followed(seen: Sequence[Float64], camera: Camera) -> list[Float64]:
     if not seen:
         return []
     before = np.isfinite([places[:, 2] for places in seen]).all(axis=0)
-    size = np.array([camera.width, camera.height])
-    middle = seen[len(seen) // 2][:, :2]
-    near = before & ((middle > -size) & (middle < 2 * size)).all(axis=1)
+    near = before
+    columns, rows, _ = seen[len(seen) // 2].T  # NumPy is slow along an axis of two
+    for at, size in ((columns, camera.width), (rows, camera.height)):
+        near = near & (at > -size) & (at < 2 * size)
     chosen = near if near.any() else before
     if chosen.all():
         return list(seen)
