@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from support import shots
 
-from nlens_video.video.output.encoder_threads import ordinary_priority
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.encoder_threads import open_in_background, ordinary_priority
+from nlens_video.video.output.sink import open_sink
 
 pytestmark = pytest.mark.skipif(
     not hasattr(os, "sched_setscheduler"), reason="only Linux says how threads are scheduled"
@@ -67,3 +69,34 @@ def test_run_that_writes_av1_has_ordinary_threads_and_says_nothing_of_the_encode
     )
     assert run.stdout.strip() == "{0}"
     assert "Svt" not in run.stderr
+
+
+def niceness():
+    return {
+        int(task.name): os.getpriority(os.PRIO_PROCESS, int(task.name))
+        for task in Path("/proc/self/task").iterdir()
+    }
+
+
+def test_encoders_threads_give_way_to_all_others(tmp_path):
+    plate = shots.write_video(tmp_path / "in.mp4", frames=3)
+    before = niceness()
+    with open_source(str(plate)) as source:
+        decoding = niceness()
+        with open_sink(str(tmp_path / "out.mp4"), source.info) as sink:
+            encoding = niceness()
+            for frame in source:
+                sink.write(frame)
+            sink.commit()
+    own = before[threading.get_native_id()]
+    started = {one: nice for one, nice in encoding.items() if one not in decoding}
+    assert started and set(started.values()) == {min(own + 10, 19)}
+    assert all(encoding[one] == nice for one, nice in before.items() if one in encoding)
+
+
+def test_error_of_an_encoder_that_opens_in_the_background_reaches_the_caller():
+    def refuse():
+        raise ValueError("odd size")
+
+    with pytest.raises(ValueError, match="odd size"):
+        open_in_background(refuse)

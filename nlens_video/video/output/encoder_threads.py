@@ -1,13 +1,17 @@
-"""Encoders' threads run beside all others, not before them."""
+"""Encoders' threads run beside all others, or after them, not before them."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import sys
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _TASKS = Path("/proc/self/task")
+_STEPS = 10  # of niceness
+_LEAST_URGENT = 19
 
 
 @contextmanager
@@ -34,3 +38,35 @@ def ordinary_priority() -> Iterator[None]:
 def _is_realtime(thread: int) -> bool:
     policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
     return policy in (os.SCHED_FIFO, os.SCHED_RR)
+
+
+def open_in_background(open_encoder: Callable[[], None]) -> None:
+    """Open an encoder whose threads give way to the other ones of the process.
+
+    An encoder gets one picture at a time and works on it on all processors. Meanwhile the lane that
+    makes the next one would have to wait, and a processor would be idle afterwards. On Linux each
+    thread has its own niceness and inherits it; elsewhere the threads are as urgent as all others.
+
+    Args:
+        open_encoder: starts the encoder's threads.
+
+    Raises:
+        Whatever it raises.
+    """
+    errors: list[BaseException] = []
+
+    def open_it() -> None:
+        try:
+            if sys.platform == "linux":
+                thread = threading.get_native_id()
+                niceness = os.getpriority(os.PRIO_PROCESS, thread) + _STEPS
+                os.setpriority(os.PRIO_PROCESS, thread, min(niceness, _LEAST_URGENT))
+            open_encoder()
+        except BaseException as error:  # noqa: BLE001 - handed on to the caller
+            errors.append(error)
+
+    opening = threading.Thread(target=open_it, name="open-encoder")
+    opening.start()
+    opening.join()
+    if errors:
+        raise errors[0]

@@ -29,7 +29,7 @@ from nlens_video.video.output.carried_streams import (
     set_tags,
 )
 from nlens_video.video.output.containers import holds_aspect, holds_video, read_tags
-from nlens_video.video.output.encoder_threads import ordinary_priority
+from nlens_video.video.output.encoder_threads import open_in_background, ordinary_priority
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.output.trials import plays
@@ -283,7 +283,7 @@ class VideoSink(Sink):
         set_colour(context, self._colour.tags)
         try:
             with ordinary_priority():
-                context.open()
+                open_in_background(context.open)
         except av.FFmpegError as error:
             width, height = info.stored_size
             raise OutputError(
