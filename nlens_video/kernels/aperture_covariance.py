@@ -84,7 +84,7 @@ def edge_parallax_layer(
     plate_coc_px: Float32,
     trust: Float32,
     *,
-    margin: int,
+    corner: tuple[int, int],
     pixel_aspect: float = 1.0,
     threads: int | None = None,
 ) -> Float32:
@@ -92,11 +92,11 @@ def edge_parallax_layer(
 
     Args:
         rgba: the layer, premultiplied scene-linear (h, w, 4).
-        plate: scene-linear RGB (h + 2 margin, w + 2 margin, 3), larger on every side.
+        plate: scene-linear RGB (H, W, 3) behind and around it; beyond its border as there.
         object_coc_px: signed CoC diameter of the object's nearest part (h, w) [px, columns].
         plate_coc_px: that of what is seen behind it (h, w) [px, columns].
         trust: how far that is known (h, w), 0 to 1 [1].
-        margin: of the plate [px].
+        corner: row and column of the plate behind the layer's first pixel [px].
         pixel_aspect: width of a pixel by its height, > 0 [1].
         threads: maximum number of threads; default: one per processor.
 
@@ -108,7 +108,7 @@ def edge_parallax_layer(
     work = partial(
         kernels.edge_parallax, _plain(rgba), _plain(plate),
         (_plain(object_coc_px), _plain(plate_coc_px)), _plain(trust), free_table(),
-        (margin, pixel_aspect, _LEAST), out,
+        (*corner, pixel_aspect, _LEAST), out,
     )  # fmt: skip
     parallel_for(work, bands(rgba.shape[0], _PARALLAX_ROWS), threads)
     return out

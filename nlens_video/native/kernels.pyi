@@ -73,7 +73,7 @@ def edge_parallax(
     cocs: tuple[Float32, ...],
     trust: Float32,
     table: Float32,
-    numbers: tuple[int, float, float],
+    numbers: tuple[int, int, float, float],
     out: Float32,
     band: tuple[int, int],
     /,

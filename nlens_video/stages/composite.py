@@ -180,19 +180,10 @@ def past_edges(
     if around is None:
         return blurred
     box = blurred.box
-    wide = box.expanded(around.margin)
-    inside = wide.intersection(Box(0, 0, picture.width, picture.height))
-    beyond = (
-        (inside.y0 - wide.y0, wide.y1 - inside.y1),
-        (inside.x0 - wide.x0, wide.x1 - inside.x1),
-        (0, 0),
-    )
-    plate = picture.linear(inside)
-    if inside != wide:
-        plate = np.pad(plate, beyond, mode="edge")
+    wide = box.expanded(around.margin).intersection(Box(0, 0, picture.width, picture.height))
     rgba = edge_parallax_layer(
-        blurred.rgba, plate, around.object_coc, around.plate_coc, around.share,
-        margin=around.margin, pixel_aspect=around.pixel_aspect,
+        blurred.rgba, picture.linear(wide), around.object_coc, around.plate_coc, around.share,
+        corner=(box.y0 - wide.y0, box.x0 - wide.x0), pixel_aspect=around.pixel_aspect,
     )  # fmt: skip
     return BlurredLayer(box=box, rgba=rgba)
 

@@ -92,7 +92,7 @@ def test_what_the_aperture_sees_is_the_same_at_every_level():
         shown = near.astype(np.float32), coc
         band, everywhere = (0, HEIGHT), np.ones_like(near)
         module.aperture_covariance(shown, (rgba, -coc), points, 1.2, everywhere, found, band)
-        numbers = (5, 1.2, 1.0 / 255.0)
+        numbers = (5, 5, 1.2, 1.0 / 255.0)
         module.edge_parallax(rgba, plate, (coc, -coc), alpha, table, numbers, laid, band)
         return found, laid
 

@@ -31,7 +31,7 @@ def test_grain_on_a_layer_is_the_same_at_every_level():
     alpha = rng.choice([0.0, 0.3, 1.0], (30, 41, 1))
     rgba = np.concatenate([alpha * rng.uniform(0, 1.3, (30, 41, 3)), alpha], 2).astype(np.float32)
     plate, noise = rng.random((30, 41, 3), np.float32), rng.normal(size=(30, 41, 3))
-    deviation = rng.uniform(0.01, 0.1, (256, 3)).astype(np.float32)
+    deviation = rng.uniform(0.01, 0.1, (3, 256)).astype(np.float32)
     codes, lights = (np.linspace(0.0, 1.0, 4097, dtype=np.float32) ** power for power in (0.9, 2.2))
 
     def run(module):
@@ -60,7 +60,7 @@ def test_light_that_is_no_number_stays_so_and_takes_nothing_else_along():
     rgba = np.full((1, 3, 4), 0.5, np.float32)
     rgba[0, 1, :3] = np.nan
     plate, noise = np.zeros((2, 1, 3, 3), np.float32)
-    deviation, table = np.zeros((256, 3), np.float32), np.linspace(0, 1, 4097, dtype=np.float32)
+    deviation, table = np.zeros((3, 256), np.float32), np.linspace(0, 1, 4097, dtype=np.float32)
 
     def run(module):
         out = rgba.copy()

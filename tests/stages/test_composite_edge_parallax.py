@@ -75,7 +75,9 @@ def laid(rgba, plate):
 def test_plate_beside_an_edge_is_seen_by_the_unoccluded_part_of_the_lens(object_coc, plate_coc):
     plate, rgba, truth = seen(object_coc, plate_coc)
     wide = np.pad(plate, ((16, 16), (16, 16), (0, 0)), mode="edge")
-    found = edge_parallax_layer(rgba, wide, even(object_coc), even(plate_coc), even(1.0), margin=16)
+    found = edge_parallax_layer(
+        rgba, wide, even(object_coc), even(plate_coc), even(1.0), corner=(16, 16)
+    )
     inner = np.s_[16:-16, 16:-16]
     before = np.sqrt(((laid(rgba, plate) - truth)[inner] ** 2).mean())
     after = np.sqrt(((laid(found, plate) - truth)[inner] ** 2).mean())
@@ -120,7 +122,9 @@ def test_edge_parallax_kernel_agrees_with_the_reference(seed, aspect):
     cocs = rng.uniform(-14.0, 14.0, (2, 17, 23)).astype(np.float32)
     trust = np.clip(rng.uniform(-0.3, 1.0, (17, 23)), 0.0, 1.0).astype(np.float32)
     runs = [
-        edge_parallax_layer(rgba, plate, *cocs, trust, margin=5, pixel_aspect=aspect, threads=n)
+        edge_parallax_layer(
+            rgba, plate, *cocs, trust, corner=(5, 5), pixel_aspect=aspect, threads=n
+        )
         for n in (1, 3)
     ]
     np.testing.assert_array_equal(*runs)
@@ -228,7 +232,9 @@ def test_edge_parallax_does_not_flicker_while_the_object_slides():
         rgba = np.zeros((SIZE[1], SIZE[0], 4), np.float32)
         rgba[..., 3] = side(columns - shift, rows)
         blurred = scatter(rgba, even(12.0))
-        found = edge_parallax_layer(blurred, wide, even(12.0), even(6.0), even(1.0), margin=16)
+        found = edge_parallax_layer(
+            blurred, wide, even(12.0), even(6.0), even(1.0), corner=(16, 16)
+        )
         frames.append(laid(found, plate))
     bend = np.abs(np.diff(np.stack(frames), n=2, axis=0))[:, 16:-16, 16:-16]
     assert bend.max() < 0.02

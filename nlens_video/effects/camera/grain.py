@@ -162,7 +162,7 @@ def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -
     out = np.array(rgba, np.float32, order="C")
     codes, lights = _tables()
     plate, noise = np.ascontiguousarray(plate), np.ascontiguousarray(noise, np.float32)
-    curve = np.ascontiguousarray(deviation)
+    curve = np.ascontiguousarray(deviation.T)
 
     def add(band: Band) -> None:
         part = slice(*band)

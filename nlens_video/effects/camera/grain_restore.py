@@ -49,7 +49,7 @@ class RestoreGrain:
         rgba = darkening.rgba.copy()
         part = rgba[box.slices_in(darkening.box)]
         noise = self._model.unit_noise(box, index, self._draw)
-        part[:] = restore_grain(part, picture.linear(box), noise, self._deviation)
+        restore_grain(part, picture.linear(box), noise, self._deviation)
         return BlurredLayer(box=darkening.box, rgba=rgba)
 
 
@@ -66,36 +66,33 @@ def light_deviation(curve: Float32) -> Float32:
     return np.stack([np.interp(codes, roots, in_light[:, c]) for c in range(3)]).astype(np.float32)
 
 
-def restore_grain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
-    """Add the noise that a darkened plate misses.
+def restore_grain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> None:
+    """Add the noise that a darkened plate misses, in place.
+
+    It is a share of the light and no larger than it, sets in where a tenth of the light is lost,
+    and is whole where a fifth is.
 
     Args:
-        rgba: layer whose colours are multiples of the plate's light (h, w, 4).
+        rgba: layer whose colours are multiples of the plate's light (h, w, 4); may be a part of a
+            wider one.
         plate: scene-linear light below it (h, w, 3).
         noise: of unit deviation (h, w, 3).
         deviation: as `light_deviation` gives it.
-
-    Returns:
-        The layer with that noise (h, w, 4), as a share of the light and no larger than it. It sets
-        in where a tenth of the light is lost, and is whole where a fifth is.
     """
-    out = np.array(rgba, np.float32, order="C")
-    plate, noise = np.ascontiguousarray(plate), np.ascontiguousarray(noise)
 
     def add(band: Band) -> None:
         part = slice(*band)
         kernels.restore_grain(
-            out[part], plate[part], noise[part], deviation, _LEAST_LOSS, _FULL_LOSS
+            rgba[part], plate[part], noise[part], deviation, _LEAST_LOSS, _FULL_LOSS
         )
 
-    parallel_for(add, picture_bands(*out.shape[:2]))
-    return out
+    parallel_for(add, picture_bands(*rgba.shape[:2]))
 
 
 def restore_grain_reference(
     rgba: Float32, plate: Float32, noise: Float32, deviation: Float32
 ) -> Float32:
-    """NumPy reference of `restore_grain`."""
+    """NumPy reference of `restore_grain`; returns the layer with that noise (h, w, 4)."""
     levels = np.linspace(0.0, 1.0, deviation.shape[1])
 
     def spread(light: Float32) -> Float32:

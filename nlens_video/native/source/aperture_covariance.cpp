@@ -145,9 +145,10 @@ void add_displaced(Picture plate, double y, double x, const float* here, double 
 }
 
 struct Parallax {
-    int margin;
+    int top, left;         // of the layer on the plate
     double aspect, least;  // least: coverage, or what it leaves free, below this changes no sample
-    static constexpr auto fields = std::tuple{&Parallax::margin, &Parallax::aspect, &Parallax::least};
+    static constexpr auto fields =
+        std::tuple{&Parallax::top, &Parallax::left, &Parallax::aspect, &Parallax::least};
 };
 
 // Rows of the layer, corrected for what the free part of the aperture sees of the plate.
@@ -169,7 +170,7 @@ void edge_parallax(Picture rgba, Picture plate, std::tuple<Plane, Plane> cocs, P
             const double length = std::sqrt(u * u + v * v);
             if (length > 1.0) u /= length, v /= length;
             const double moved = 0.5 * plate_coc(y, x);
-            const int row = y + numbers.margin, column = x + numbers.margin;
+            const int row = y + numbers.top, column = x + numbers.left;
             add_displaced(plate, row - moved * v * aspect, column - moved * u, plate.at(row, column),
                           free * trusted, out.at(y, x));
         }

@@ -1,7 +1,9 @@
 // White noise, and noise added to a layer: `effects/camera/grain.py` and `grain_restore.py`.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <vector>
 
 #include "module.h"
@@ -16,15 +18,21 @@ struct Channel {
     explicit Channel(std::size_t width) : own(width), noise(width), missing(width), change(width) {}
 };
 
-// Between two entries of a table over [0, 1], of which the last begins at `last`.
+// Between two entries of a table over [0, 1], of which the last begins at `last`. Both are read together,
+// which takes half as many reads.
 inline float look_up(const float* table, int last, float at) {
+    static_assert(std::endian::native == std::endian::little);
     const float place = at * static_cast<float>(last + 1);
     const int low = std::min(static_cast<int>(place), last);
     const float part = place - static_cast<float>(low);
-    return table[low] + part * (table[low + 1] - table[low]);
+    std::uint64_t both;
+    std::memcpy(&both, table + low, sizeof(both));
+    const float here = std::bit_cast<float>(static_cast<std::uint32_t>(both));
+    const float next = std::bit_cast<float>(static_cast<std::uint32_t>(both >> 32));
+    return here + part * (next - here);
 }
 
-// Finds the change of the light by the noise. `levels`: the deviation at 256 levels, three apart.
+// Finds the change of the light by the noise. `levels`: the deviation at 256 levels.
 void find_change(Channel& channel, int count, const float* __restrict levels, Array<const float, 1> codes,
                  Array<const float, 1> to_light) {
     const float* __restrict own = channel.own.data(), * __restrict noise = channel.noise.data();
@@ -34,31 +42,35 @@ void find_change(Channel& channel, int count, const float* __restrict levels, Ar
     const int last_code = codes.shape[0] - 2, last_light = to_light.shape[0] - 2;
     for (int x = 0; x < count; ++x) {
         const float light = own[x] > 0.0f ? (own[x] < 1.0f ? own[x] : 1.0f) : 0.0f;
-        const float code = look_up(code_of, last_code, std::sqrt(light)), level = 255.0f * code;
-        const int low = std::min(static_cast<int>(level), 254);
-        const float here = levels[3 * low], next = levels[3 * low + 3];
-        const float spread = here + (level - static_cast<float>(low)) * (next - here);
+        const float code = look_up(code_of, last_code, std::sqrt(light));
+        const float spread = look_up(levels, 254, code);
         const float grained = std::min(std::max(0.0f, code + missing[x] * spread * noise[x]), 1.0f);
         const float made = look_up(light_of, last_light, grained) - light;
         change[x] = own[x] < 1.0f ? made : 0.0f;  // light beyond white stays, and what is no number
     }
 }
 
-// The first pixel of a row that has more alpha than the least, and the one past the last.
-std::tuple<int, int> drawn_ends(const float* row, int width, float least) {
-    int first = 0, end = width;
-    while (first < width && !(row[4 * first + 3] > least)) ++first;
-    while (end > first && !(row[4 * end - 1] > least)) --end;
-    return {first, end};
+constexpr int kGap = 16;  // undrawn pixels that are not worth a new run
+
+// Calls `work` with the first pixel and the number of pixels of each run of a row in which there is more
+// alpha than the least; shorter gaps belong to a run.
+template <class Work>
+void for_drawn_runs(const float* row, int width, float least, Work&& work) {
+    for (int x = 0, first = -1, end = 0; x <= width; ++x) {
+        const bool drawn = x < width && row[4 * x + 3] > least;
+        if (first >= 0 && (x == width || (drawn && x - end >= kGap))) {
+            work(first, end - first);
+            first = -1;
+        }
+        if (drawn) first = first < 0 ? x : first, end = x + 1;
+    }
 }
 
 void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
              Array<const float, 2> deviation, Array<const float, 1> codes, Array<const float, 1> lights) {
     Channel channel(rgba.shape[1]);
     float *own = channel.own.data(), *missing = channel.missing.data(), *added = channel.noise.data();
-    for (int y = 0; y < rgba.shape[0]; ++y) {
-        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1], 0.0f);
-        const int count = end - first;
+    const auto add = [&](int y, int first, int count) {
         float* row = rgba.at(y, first);
         const float *behind = plate.at(y, first), *given = noise.at(y, first);
         for (int x = 0; x < count; ++x) {
@@ -71,11 +83,13 @@ void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const floa
                 own[x] = row[4 * x + c] + free * behind[3 * x + c];
                 added[x] = given[3 * x + c];
             }
-            find_change(channel, count, deviation.data + c, codes, lights);
+            find_change(channel, count, deviation.at(c), codes, lights);
             const float* change = channel.change.data();
             for (int x = 0; x < count; ++x) row[4 * x + c] += row[4 * x + 3] > 0.0f ? change[x] : 0.0f;
         }
-    }
+    };
+    for (int y = 0; y < rgba.shape[0]; ++y)
+        for_drawn_runs(rgba.at(y), rgba.shape[1], 0.0f, [&](int first, int count) { add(y, first, count); });
 }
 
 // Finds the noise of a row that a darkened plate misses, as a share of its light. `channel`: the light
@@ -95,14 +109,13 @@ void find_missing(Channel& channel, int count, const float* __restrict levels, i
     }
 }
 
-void restore_grain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
+// `rgba`: pixels of a row lie beside each other, rows anywhere.
+void restore_grain(Strided<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
                    Array<const float, 2> deviation, float least_loss, float full_loss) {
     Channel channel(rgba.shape[1]);
     float *own = channel.own.data(), *left = channel.missing.data(), *given = channel.noise.data();
     const float slope = 1.0f / (full_loss - least_loss);
-    for (int y = 0; y < rgba.shape[0]; ++y) {
-        const auto [first, end] = drawn_ends(rgba.at(y), rgba.shape[1], least_loss);
-        const int count = end - first;
+    const auto add = [&](int y, int first, int count) {
         float* row = rgba.at(y, first);
         const float *behind = plate.at(y, first), *drawn = noise.at(y, first);
         for (int c = 0; c < 3; ++c) {
@@ -118,7 +131,10 @@ void restore_grain(Array<float, 3> rgba, Array<const float, 3> plate, Array<cons
                 row[4 * x + c] += share > 0.0f ? share * change[x] : 0.0f;
             }
         }
-    }
+    };
+    for (int y = 0; y < rgba.shape[0]; ++y)
+        for_drawn_runs(rgba.at(y), rgba.shape[1], least_loss,
+                       [&](int first, int count) { add(y, first, count); });
 }
 
 // A number whose bits all depend on all bits of another (the finaliser `lowbias32`).
