@@ -93,8 +93,8 @@ def parallel_for(work: Callable[[T], None], items: Iterable[T], workers: int | N
             _thread.counted = False
             _given_back(1)
 
-    wanted = processors() if workers is None else workers
-    helpers = _taken(int(own), min(wanted, len(left)) - 1)
+    wanted = len(left) if workers is None else min(workers, len(left))
+    helpers = _taken(int(own), max(0, wanted - 1))
     futures: list[Future[None]] = []
     try:
         _thread.counted = True
@@ -116,7 +116,8 @@ def _taken(own: int, helpers: int) -> int:
     global _at_work
     with _lock:
         _at_work += own
-        helpers = max(0, min(helpers, processors() - _at_work))
+        if helpers > 0:
+            helpers = max(0, min(helpers, processors() - _at_work))
         _at_work += helpers
     return helpers
 

@@ -171,6 +171,8 @@ class Node:
     stateful: ClassVar[bool] = False
     same_with: ClassVar[tuple[str, ...]] = ()
     ranges: ClassVar[tuple[tuple[str, float, float], ...]] = ()
+    _read: ClassVar[tuple[str, ...]]
+    _required: ClassVar[tuple[str, ...]]
     description: str = ""
 
     @property
@@ -183,7 +185,10 @@ class Node:
 
     def __init_subclass__(cls, **keywords: Any) -> None:  # noqa: ANN401  object's own signature
         super().__init_subclass__(**keywords)
-        unknown = set(cls.same_with) - {port.name for port in cls.inputs()}
+        ports = cls.inputs()
+        cls._read = tuple(port.name for port in ports)
+        cls._required = tuple(port.name for port in ports if not port.optional)
+        unknown = set(cls.same_with) - set(cls._read)
         if unknown:
             raise TypeError(f"{cls.__name__}: same_with names {sorted(unknown)}, no inputs of it")
         annotation = inspect.signature(cls.call_function()).return_annotation
@@ -213,12 +218,13 @@ class Node:
     @classmethod
     def is_operation(cls) -> bool:
         """Whether the node reads the port that it writes."""
-        return any(port.name == cls.writes for port in cls.inputs())
+        return cls.writes in cls._read
 
     def runs_on(self, values: FrameValues) -> bool:
         """Whether the node runs on a frame with these values."""
-        if any(getattr(values, port.name) is None for port in self.inputs() if not port.optional):
-            return False
+        for name in self._required:
+            if getattr(values, name) is None:
+                return False
         if self.skip_if is not None and getattr(values, self.skip_if) is not None:
             return False
         if not self.is_operation() and getattr(values, self.writes) is not None:
@@ -227,7 +233,7 @@ class Node:
 
     def arguments(self, values: FrameValues) -> list[object]:
         """Values of the input ports."""
-        return [getattr(values, port.name) for port in self.inputs()]
+        return [getattr(values, name) for name in self._read]
 
     def run(self, *arguments: object) -> object:
         """Call the node with the values of its input ports."""
