@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import shots
 from support.definitions import marked
 from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.effects.shadow.ambient import from_around, hemisphere, surface_points
+from nlens_video.effects.shadow.ambient import (
+    blurred,
+    from_around,
+    hemisphere,
+    surface_points,
+)
 from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.cast import CastShadow
@@ -38,6 +44,7 @@ from nlens_video.scene.illumination import (
     sun,
     turned_about_up,
 )
+from nlens_video.scene.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -406,7 +413,6 @@ def test_lamps_drawn_together_block_what_each_blocks_alone():
 @pytest.mark.needs_truth
 @pytest.mark.parametrize(("scene", "gain_db"), [("street_mid", 6.0), ("indoor_mid", 5.0)])
 def test_shadow_agrees_with_a_path_tracer(shared, scene, gain_db):
-    from nlens_video.scene.scene import Scene
     from nlens_video.scene.scene_light import SceneLight
 
     folder = shared / "data" / "cycles" / "dev" / scene
@@ -492,3 +498,30 @@ def test_points_of_a_surface_lie_on_it_evenly():
     spread = points[: -len(CARD)]
     assert (spread[:, 1] == 1.0).all() and np.abs(spread[:, [0, 2]]).max() <= 0.5
     assert np.histogram(spread[:, 0], 4, (-0.5, 0.5))[0] == pytest.approx(len(spread) / 4, rel=0.3)
+
+
+@pytest.mark.parametrize("slant", [0.1, 1.0])
+@pytest.mark.parametrize("octave", range(1, 8))
+def test_share_blurred_on_coarser_pixels_is_that_of_the_plain_filter(octave, slant):
+    hidden = np.zeros((173, 301), np.float32)
+    hidden[40:90, 60:200], hidden[100:, 250:], hidden[:30, :50] = 0.8, 0.5, 1.0
+    found = blurred(hidden, np.full(hidden.shape, octave, np.float32), slant)
+    sigma = 0.7 * 2.0 ** (octave - 1)
+    plain = cv2.GaussianBlur(
+        hidden,
+        (0, 0),
+        sigmaX=sigma,
+        sigmaY=max(sigma * slant, 0.05),
+        borderType=cv2.BORDER_REPLICATE,
+    )
+    assert np.abs(found - plain).max() < 3e-3
+    assert np.sqrt(np.square(found - plain).mean()) < 5e-4
+
+
+def test_casters_are_made_again_only_where_the_object_has_moved(tmp_path):
+    scene = Scene.load(shots.cube_glb(tmp_path / "cube.glb", end=(0.5, 0.0, -1.6)))
+    cache = CasterCache()
+    moving, further, rests = (Casters.of(scene.pose(time_s), cache) for time_s in (0.5, 1.0, 2.0))
+    assert further is rests and moving is not further
+    assert np.ptp(further.vertices - moving.vertices, axis=0) == pytest.approx(0.0, abs=1e-6)
+    assert (further.vertices - moving.vertices)[0] == pytest.approx([0.25, 0.0, 0.0], abs=1e-6)

@@ -21,9 +21,15 @@ _NO_EDGES = np.zeros((0, 4), np.int32)
 
 @dataclass(slots=True, eq=False)
 class CasterCache:
-    """What does not change over time: opacity of geometries, and triangles of opaque ones."""
+    """What does not change over time: opacity of geometries, and triangles of opaque ones.
+
+    Attributes:
+        opacities: of the geometries.
+        last: the meshes that were asked for before, and the casters that they make.
+    """
 
     opacities: Opacities = field(default_factory=Opacities)
+    last: tuple[tuple[PosedMesh, ...], Casters] | None = None
     _joined: dict[tuple[Geometry, ...], tuple[Int32, Int32]] = field(default_factory=dict)
 
     def joined(self, geometries: tuple[Geometry, ...]) -> tuple[Int32, Int32]:
@@ -79,10 +85,17 @@ class Casters:
 
     @classmethod
     def of(cls, posed: PosedScene, cache: CasterCache) -> Casters:
-        """What is drawn of a scene."""
+        """What is drawn of a scene; the same object as before while that rests."""
+        drawn = posed.drawn
+        if cache.last is None or cache.last[0] != drawn:  # meshes are equal by identity
+            cache.last = drawn, cls._made_of(drawn, cache)
+        return cache.last[1]
+
+    @classmethod
+    def _made_of(cls, drawn: tuple[PosedMesh, ...], cache: CasterCache) -> Casters:
         opaque: list[PosedMesh] = []
         transparent: list[TransparentCaster] = []
-        for mesh in posed.drawn:
+        for mesh in drawn:
             opacity = cache.opacities.of(mesh.geometry)
             if opacity is None:
                 opaque.append(mesh)
