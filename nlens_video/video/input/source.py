@@ -109,7 +109,7 @@ class AvSource(Source):
             self._readable_again = not sparse and kind in ("video", "sequence")
             self._decoder = decoder_of(stream)
             self._decoder.thread_type = "AUTO"
-            # the lanes after it need the others; with one it hands no pictures between threads
+            # the lanes need the other processors, and a single thread hands no pictures to others
             self._decoder.thread_count = min(_MOST_THREADS, max(1, processors() // 2))
             if sparse:
                 self._decoder.skip_frame = "NONREF"
