@@ -75,7 +75,8 @@ def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(cli
     assert np.array_equal(frames[0][3], frames[12][3])
     sound = [moment for _, moment in packets]
     assert sound == sorted(sound) and sound[-1] > times[12]
-    assert sum(moment < times[12] - Fraction(1, 20) for moment in sound) >= len(sound) // 2
+    # sound begins 21 ms before its pictures, and a gap may be shorter than the two together
+    assert sum(moment < times[12] - Fraction(1, 40) for moment in sound) == len(sound) // 2
 
 
 @pytest.mark.parametrize("opening_s", [0.0, 0.8])
