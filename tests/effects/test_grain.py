@@ -15,7 +15,11 @@ from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.effects.camera import grain as grain_noise
 from nlens_video.effects.camera.grain import AddGrain, past_shares
 from nlens_video.effects.camera.grain_measure import measure
-from nlens_video.effects.camera.grain_restore import RestoreGrain
+from nlens_video.effects.camera.grain_restore import (
+    RestoreGrain,
+    restore_grain,
+    restore_grain_reference,
+)
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
@@ -120,6 +124,38 @@ def test_regrain_kernel_equals_the_reference():
     fast = grain_noise.regrain(rgba, plate, unit, curve)
     assert fast == pytest.approx(grain_noise.regrain_reference(rgba, plate, unit, curve), abs=2e-4)
     assert np.array_equal(fast[alpha[..., 0] == 0], rgba[alpha[..., 0] == 0])
+
+
+def test_grain_of_parts_that_lie_far_from_each_other_equals_the_reference():
+    rng = np.random.default_rng(1)
+    alpha = np.zeros((6, 90, 1))
+    alpha[:, [0, 15, 16, 40, 41, 60, 89]] = 0.7  # gaps of 14 to 28 pixels, and the row's ends
+    alpha[3] = 0.0
+    rgba = np.concatenate([alpha * rng.uniform(0, 1, (6, 90, 3)), alpha], 2).astype(np.float32)
+    plate, unit = rng.random((6, 90, 3), np.float32), rng.standard_normal((6, 90, 3))
+    unit = unit.astype(np.float32)
+    curve = np.linspace([0.01, 0.02, 0.03], [0.03, 0.02, 0.01], 256).astype(np.float32)
+    fast = grain_noise.regrain(rgba, plate, unit, curve)
+    assert fast == pytest.approx(grain_noise.regrain_reference(rgba, plate, unit, curve), abs=2e-4)
+    drawn = alpha[..., 0] > 0.0
+    assert (fast[drawn] != rgba[drawn]).any(axis=1).all()
+    assert np.array_equal(fast[~drawn], rgba[~drawn])
+
+
+def test_grain_of_a_part_of_a_shadow_leaves_the_rest():
+    rng = np.random.default_rng(2)
+    wide = np.zeros((9, 50, 4), np.float32)
+    wide[..., 3] = 0.5
+    plate = rng.random((5, 30, 3), np.float32)
+    unit = rng.standard_normal((5, 30, 3)).astype(np.float32)
+    deviation = np.tile(np.linspace(0.01, 0.03, 256, dtype=np.float32), (3, 1))
+    inside, before = np.s_[2:7, 10:40], wide.copy()
+    restore_grain(wide[inside], plate, unit, deviation)
+    expected = restore_grain_reference(before[inside], plate, unit, deviation)
+    assert wide[inside] == pytest.approx(expected, abs=1e-4)
+    assert not np.array_equal(wide[inside], before[inside])
+    wide[inside] = before[inside]
+    assert np.array_equal(wide, before)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -238,3 +238,15 @@ def test_edge_parallax_does_not_flicker_while_the_object_slides():
         frames.append(laid(found, plate))
     bend = np.abs(np.diff(np.stack(frames), n=2, axis=0))[:, 16:-16, 16:-16]
     assert bend.max() < 0.02
+
+
+def test_plate_goes_on_beyond_its_border_as_there():
+    rng = np.random.default_rng(3)
+    rgba = rng.random((20, 30, 4), np.float32)
+    cocs = rng.uniform(-12.0, 12.0, (2, 20, 30)).astype(np.float32)
+    trust, plate = np.ones((20, 30), np.float32), rng.random((23, 33, 3), np.float32)
+    padded = np.pad(plate, ((16, 13), (14, 15), (0, 0)), mode="edge")
+    found = edge_parallax_layer(rgba, plate, *cocs, trust, corner=(0, 2))
+    expected = edge_parallax_layer(rgba, padded, *cocs, trust, corner=(16, 16))
+    assert np.array_equal(found, expected)
+    assert not np.array_equal(found, rgba)

@@ -21,7 +21,7 @@ _NO_EDGES = np.zeros((0, 4), np.int32)
 
 @dataclass(slots=True, eq=False)
 class CasterCache:
-    """What does not change over time: opacity of geometries, and triangles of opaque ones.
+    """What is kept from frame to frame: opacities, triangles of opaque geometries, last casters.
 
     Attributes:
         opacities: of the geometries.

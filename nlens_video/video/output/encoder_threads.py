@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -53,20 +54,14 @@ def open_in_background(open_encoder: Callable[[], None]) -> None:
     Raises:
         Whatever it raises.
     """
-    errors: list[BaseException] = []
 
     def open_it() -> None:
-        try:
-            if sys.platform == "linux":
-                thread = threading.get_native_id()
-                niceness = os.getpriority(os.PRIO_PROCESS, thread) + _STEPS
-                os.setpriority(os.PRIO_PROCESS, thread, min(niceness, _LEAST_URGENT))
-            open_encoder()
-        except BaseException as error:  # noqa: BLE001 - handed on to the caller
-            errors.append(error)
+        if sys.platform == "linux":
+            thread = threading.get_native_id()
+            niceness = os.getpriority(os.PRIO_PROCESS, thread) + _STEPS
+            os.setpriority(os.PRIO_PROCESS, thread, min(niceness, _LEAST_URGENT))
+        open_encoder()
 
-    opening = threading.Thread(target=open_it, name="open-encoder")
-    opening.start()
-    opening.join()
-    if errors:
-        raise errors[0]
+    # a thread of its own, for only root can make one more urgent again
+    with ThreadPoolExecutor(1, "open-encoder") as beside:
+        beside.submit(open_it).result()
