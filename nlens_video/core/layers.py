@@ -51,8 +51,8 @@ class Picture(Protocol):
         """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
         ...
 
-    def patches(self, corners: Sequence[tuple[int, int]], side: int) -> Float32:
-        """Scene-linear RGB (N, side, side, 3) of squares that lie inside the frame.
+    def green_patches(self, corners: Sequence[tuple[int, int]], side: int) -> Float32:
+        """Scene-linear green (N, side, side) of squares that lie inside the frame.
 
         Args:
             corners: column and row of the top left pixel of each [px].

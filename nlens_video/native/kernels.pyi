@@ -97,6 +97,16 @@ def linear(
     out: Float32,
     /,
 ) -> None: ...
+def green_patches(
+    planes: _Planes,
+    axes: tuple[_Axis, _Axis],
+    corners: _Int32,
+    rgb_from_codes: Float32,
+    to_linear: Float32,
+    to_bt709: Float32,
+    out: Float32,
+    /,
+) -> None: ...
 def downsample(
     planes: _Planes, rgb_from_codes: Float32, to_linear: Float32, to_bt709: Float32, out: Float32, /
 ) -> None: ...

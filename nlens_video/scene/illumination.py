@@ -167,6 +167,8 @@ class Illumination:
 
     def scaled(self, gain: float) -> Illumination:
         """So many times as bright."""
+        if gain == 1.0:
+            return self
         lamps = tuple(
             replace(lamp, posed=replace(lamp.posed, light=lamp.posed.light.scaled(gain)))
             for lamp in self.lamps
@@ -186,11 +188,8 @@ class Illumination:
         """Luminous irradiance, averaged over surfaces of all directions, by distant light [1]."""
         around = 0.0 if self.ambient is None else math.pi * float(self.ambient[0] @ LUMINANCE)
         lights = (lamp.posed.light for lamp in self.lamps)
-        return around + sum(
-            0.25 * light.intensity * float(light.color @ LUMINANCE)
-            for light in lights
-            if light.kind == "directional"
-        )
+        far = (light for light in lights if light.kind == "directional")
+        return around + sum(0.25 * one.intensity * float(one.color @ LUMINANCE) for one in far)
 
     def irradiance_around(self, normal: Float64) -> Float64:
         """Irradiance (3,) that the ambient light gives a surface of a unit normal (3,)."""

@@ -34,7 +34,7 @@ from nlens_video.scene.scene_part import (
 )
 from nlens_video.scene.welding import without_strays
 
-_MOMENTS = 4  # kept: the frame's own, and the shutter opening and closing
+_MOMENTS = 6  # kept: the frame's own, the shutter opening and closing, samples between them
 _Moments = tuple[Moment, ...]
 _Posed = tuple[tuple[PosedMesh, ...], tuple[PosedLight, ...]]
 

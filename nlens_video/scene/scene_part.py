@@ -89,6 +89,13 @@ class ScenePart:
     node_names: tuple[str, ...]
     motion: ObjectMotion | None = None
     _hull: Hull | None = field(init=False, default=None)
+    _resting_lights: tuple[PosedLight, ...] | None = field(init=False, default=None)
+    _lights_rest: bool = field(init=False)
+
+    def __post_init__(self) -> None:
+        carriers = self.hierarchy.with_ancestors(node for node, _ in self.lights)
+        still = not any(track.node in carriers for track in self.animation.tracks)
+        self._lights_rest = still and (self.motion is None or not self.motion.moves)
 
     @property
     def moves(self) -> bool:
@@ -144,11 +151,19 @@ class ScenePart:
         return tuple(one.place(world, weights.get(one.node), origin) for one in self.instances)
 
     def posed_lights(self, moment: Moment) -> tuple[PosedLight, ...]:
-        """Its lights at a moment.
+        """Its lights at a moment; the very same objects where none of them ever moves.
 
         A lamp whose file is scaled keeps its light on what stands around it there: intensity goes
         with the square of the distance.
         """
+        if self._resting_lights is not None:
+            return self._resting_lights
+        lights = self._lights_at(moment)
+        if self._lights_rest:
+            self._resting_lights = lights
+        return lights
+
+    def _lights_at(self, moment: Moment) -> tuple[PosedLight, ...]:
         if not self.lights:
             return ()
         played, time_s = moment

@@ -67,7 +67,7 @@ def signature(picture: Picture) -> Signature:
          (picture.height - side) * (2 * row + 1) // (2 * _ROWS))
         for row in range(_ROWS) for column in range(_COLUMNS)
     ]  # fmt: skip
-    root = np.sqrt(np.maximum(picture.patches(corners, side)[..., 1], 0.0))
+    root = np.sqrt(np.maximum(picture.green_patches(corners, side), np.float32(0.0)))
     grid = (_ROWS, _COLUMNS)
     return Signature(_octaves(root).reshape(*grid, -1), root.mean(axis=(1, 2)).reshape(grid))
 
@@ -115,12 +115,16 @@ def changed(reference: Signature, now: Signature) -> float:
     """
     with np.errstate(all="ignore"):
         difference = now.ratios - reference.ratios
-    rows = sorted(
-        abs(float(np.median(seen)))
-        for octave in difference.swapaxes(1, 2).reshape(-1, _COLUMNS)
-        if len(seen := octave[np.isfinite(octave)]) >= _COLUMNS // 2
-    )
-    return rows[-2] if len(rows) >= 2 else 0.0
+    rows = difference.swapaxes(1, 2).reshape(-1, _COLUMNS)
+    known = np.isfinite(rows)
+    counts = known.sum(axis=1)
+    rows, counts, known = (one[counts >= _COLUMNS // 2] for one in (rows, counts, known))
+    if len(rows) < 2:
+        return 0.0
+    ordered = np.sort(np.where(known, rows, np.inf), axis=1)
+    each = np.arange(len(rows))
+    medians = 0.5 * (ordered[each, (counts - 1) // 2] + ordered[each, counts // 2])
+    return float(np.sort(np.abs(medians))[-2])
 
 
 def calls_for_fit(reference: Signature, now: Signature, since: int, frame_s: float) -> bool:

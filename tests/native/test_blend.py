@@ -67,7 +67,8 @@ def test_the_light_of_samples_is_the_same_at_every_level(pixel_format, monkeypat
         monkeypatch.setattr(blend, "kernels", module)
         samples = noise(pixel_format)
         corners = [(box.x0, box.y0) for box in BOXES]
-        return [*(blend.linear(samples, box) for box in BOXES), blend.srgb(samples, BOXES[0]),
-                blend.patches(samples, corners, 1), blend.downsample(samples, 50, 4)]  # fmt: skip
+        lights = [blend.linear(samples, box) for box in BOXES]
+        patches = blend.green_patches(samples, corners, 1)
+        return [*lights, blend.srgb(samples, BOXES[0]), patches, blend.downsample(samples, 50, 4)]
 
     assert_same_bits(decoded)

@@ -20,6 +20,7 @@ from nlens_video.options.to_settings import settings
 from nlens_video.run.lens_track_pass import lens_track_pass
 from nlens_video.stages.r_lens_change import (
     CHANGED,
+    Signature,
     changed,
     differs,
     is_cut,
@@ -68,6 +69,28 @@ def test_signature_detects_a_cut():
 
 def test_signature_of_a_plate_without_detail_never_changes():
     assert changed(signature(shot(shots.grey(), 0.0)), signature(shot(shots.grey(), 0.0))) == 0.0
+
+
+def changed_by_definition(reference, now):
+    """The second largest of the rows' median changes that half of a row tells."""
+    difference = now.ratios - reference.ratios
+    medians = [
+        abs(np.median(known))
+        for row in difference.transpose(0, 2, 1).reshape(-1, difference.shape[1])
+        if len(known := row[np.isfinite(row)]) >= difference.shape[1] // 2
+    ]
+    return sorted(medians)[-2] if len(medians) >= 2 else 0.0
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.3, 0.6, 0.9, 1.0]))
+def test_change_is_that_of_its_definition_where_detail_is_missing(seed, missing):
+    random = np.random.default_rng(seed)
+    signatures = []
+    for _ in range(2):
+        ratios = random.standard_normal((6, 8, 2))
+        ratios[random.random(ratios.shape) < missing] = np.nan
+        signatures.append(Signature(ratios, np.zeros((6, 8))))
+    assert changed(*signatures) == changed_by_definition(*signatures)
 
 
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=9), st.integers(2, 12))

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from operator import is_
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from support.glb_builder import QUAD, GlbBuilder
 
 from nlens_video.core.errors import SceneError
 from nlens_video.scene import Scene
+from nlens_video.scene.object_motion import Curve, ObjectMotion, turn_about_up
 
 NORMALS = np.tile(np.array([[0, 0, 1]], np.float32), (4, 1))
 
@@ -156,6 +158,50 @@ def test_static_mesh_returns_the_same_pose_at_all_times(tmp_path):
     assert a.meshes[0] is b.meshes[0]
     assert a.meshes[1] is not b.meshes[1]
     assert a.meshes[1].geometry is b.meshes[1].geometry
+
+
+def test_a_frames_moment_and_its_shutters_samples_are_posed_once(tmp_path):
+    builder = GlbBuilder()
+    builder.animation(
+        (builder.node(mesh=builder.mesh()), "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR")
+    )
+    scene = load(builder, tmp_path)
+    # the frame's own, the shutter's ends, two views between them
+    moments = [0.5, 0.48, 0.52, 0.49, 0.51]
+    first, again = ([scene.pose(moment).meshes[0] for moment in moments] for _ in range(2))
+    assert all(map(is_, first, again))
+    places = [float(one.positions[:, 0].min()) for one in first]
+    assert places == pytest.approx([moment - 1.0 for moment in moments], abs=1e-6)
+
+
+def test_only_the_lights_that_are_carried_along_move(tmp_path):
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh())
+    builder.light("point")
+    carried = builder.light("point", node={"root": False})
+    arm = builder.node(children=[carried])
+    builder.animation((arm, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR"))
+    scene = load(builder, tmp_path)
+    (still, moved), (later, moved_on) = (scene.pose(moment).lights for moment in (0.25, 0.75))
+    np.testing.assert_array_equal(still.position, later.position)
+    assert moved.position[0] == pytest.approx(0.25)
+    assert moved_on.position[0] == pytest.approx(0.75)
+
+
+def test_lights_of_a_file_that_moves_as_a_whole_move_with_it(tmp_path):
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh())
+    builder.light("point")
+    scene, start = load(builder, tmp_path), np.zeros(1)
+    assert scene.pose(0.25).lights[0].position[0] == 0.0
+    motion = ObjectMotion(
+        contact=np.zeros(3), axes=turn_about_up(0.0),
+        place=Curve(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])),
+        turn=Curve(start, np.zeros((1, 1))), scale=Curve(start, np.ones((1, 1))),
+    )  # fmt: skip
+    moving = scene.with_motions([motion])
+    places = [moving.pose(moment).lights[0].position[0] for moment in (0.25, 0.75)]
+    assert places == pytest.approx([0.25, 0.75])
 
 
 def test_tiny_and_huge_scales_keep_shape_and_normals(tmp_path):

@@ -215,13 +215,17 @@ def test_full_range_chroma_is_sited_left_in_video_and_centred_in_jpeg(
     )
 
 
-def test_patches_are_the_light_of_their_boxes():
-    picture = AvPicture(noise_frame(37, 27, "yuv420p"), rotation=90)
+@pytest.mark.parametrize("primaries", [1, 9])  # BT.709, BT.2020
+def test_patches_are_the_green_light_of_their_boxes(primaries):
+    frame = noise_frame(37, 27, "yuv420p")
+    frame.color_primaries = primaries
+    picture = AvPicture(frame, rotation=90)
     corners = [(0, 0), (27 - 9, 37 - 9), (3, 8)]
     boxes = [Box(x, y, x + 9, y + 9) for x, y in corners]
-    np.testing.assert_array_equal(picture.patches(corners, 9), list(map(picture.linear, boxes)))
+    green = [picture.linear(box)[..., 1] for box in boxes]
+    np.testing.assert_array_equal(picture.green_patches(corners, 9), green)
     with pytest.raises(ValueError, match="does not lie inside the frame of 27x37"):
-        picture.patches([*corners, (19, 0)], 9)
+        picture.green_patches([*corners, (19, 0)], 9)
 
 
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "gbrp", "rgba", "gray"])

@@ -66,6 +66,13 @@ def exposure_gain(roots: Float32, background: Float32) -> Float32:
     return np.asarray(np.median(now[:, known] / then[:, known], axis=1), np.float32)
 
 
+def _in_exposure_of(roots: Float32, background: Float32) -> Float32:
+    """The roots of light of a frame (h, w, 3), divided by its `exposure_gain`."""
+    # a row at a time: NumPy is slow along an axis of three
+    gains = np.tile(exposure_gain(roots, background), roots.shape[1])
+    return np.asarray((roots.reshape(len(roots), -1) / gains).reshape(roots.shape), np.float32)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CleanPlate:
     """Background of a region at full resolution, in the exposure of the first frame.
@@ -102,7 +109,7 @@ class BackgroundSurvey:
         if self._first is None or self._minimum is None or self._maximum is None:
             self._first, self._minimum, self._maximum = roots.copy(), roots.copy(), roots.copy()
         else:
-            roots = roots / exposure_gain(roots, self._first)
+            roots = _in_exposure_of(roots, self._first)
             np.fmin(self._minimum, roots, out=self._minimum)
             np.fmax(self._maximum, roots, out=self._maximum)
             unknown = np.isnan(self._first[..., 0])
@@ -197,7 +204,7 @@ class BackgroundModel:
 
     def normalised(self, roots: Float32) -> Float32:
         """A frame (h, w, 3) in the background's exposure; unknown pixels show the background."""
-        roots = np.asarray(roots / exposure_gain(roots, self.roots), np.float32)
+        roots = _in_exposure_of(roots, self.roots)
         unknown = np.isnan(roots[..., 0]) | ~self.seen
         if unknown.any():
             roots[unknown] = self.roots[unknown]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from nlens_video.kernels.scatter.disc import MAX_COC_PX, fitted_radius, reach
 from nlens_video.kernels.scatter.scatter import FINE
 
 
+@cache
 def furthest_reach(pixel_aspect: float = 1.0) -> int:
     """`blur_reach` of the largest round disc, without its tables [px].
 

@@ -17,40 +17,95 @@ void interleave(float* const* rows, float* __restrict pixels, int count) {
     for (int j = 0; j < count; ++j) pixels[3 * j] = a[j], pixels[3 * j + 1] = b[j], pixels[3 * j + 2] = c[j];
 }
 
+// Rows of some columns, from `left` on, of all three components of samples.
+template <class Sample>
+class RowReader {
+public:
+    RowReader(Planes<const Sample> planes, const std::tuple<Axis, Axis>& axes, int left, int width)
+        : planes_(planes), down_(std::get<1>(axes)), left_(left), width_(width), columns_(width) {
+        const Axis& across = std::get<0>(axes);
+        coarse_left_ = across.of(left);
+        for (int j = 0; j < width; ++j) columns_[j] = across.of(left + j) - coarse_left_;
+        coarse_.resize(width > 0 ? columns_.back() + 1 : 0);
+    }
+
+    void load(int y, float* const* rows) {
+        const auto& [first, second, third] = planes_;
+        load_samples(first, y, left_, rows[0], width_);
+        load_coarse(second, down_.of(y), rows[1]);
+        load_coarse(third, down_.of(y), rows[2]);
+    }
+
+private:
+    void load_coarse(Plane<const Sample> plane, int row, float* __restrict values) {
+        load_samples(plane, row, coarse_left_, coarse_.data(), static_cast<int>(coarse_.size()));
+        for (int j = 0; j < width_; ++j) values[j] = coarse_[columns_[j]];
+    }
+
+    Planes<const Sample> planes_;
+    Axis down_;
+    int left_, width_, coarse_left_;
+    std::vector<int> columns_;
+    std::vector<float> coarse_;
+};
+
+// Room for a row of three components.
+struct Components {
+    std::vector<float> values;
+    float* const rows[3];
+
+    explicit Components(int width)
+        : values(3 * static_cast<std::size_t>(width)),
+          rows{values.data(), values.data() + width, values.data() + 2 * width} {}
+};
+
 // `display` is a table from light to codes, or empty.
 template <class Sample>
 void linear(Planes<const Sample> planes, std::tuple<Axis, Axis> axes, Pair corner, Matrix rgb_from_codes,
             Array<const float, 1> to_linear, Matrix to_bt709, Array<const float, 1> display,
             Array<float, 3> out) {
-    const auto& [first, second, third] = planes;
-    const auto& [across, down] = axes;
-    const int width = out.shape[1], left = std::get<1>(corner), coarse_left = across.of(left);
+    const int width = out.shape[1];
+    const auto [top, left] = corner;
     const bool coded = display.shape[0] > 0, same_primaries = is_identity(to_bt709);
-    std::vector<int> columns(width);
-    for (int j = 0; j < width; ++j) columns[j] = across.of(left + j) - coarse_left;
-    const int coarse_width = width > 0 ? columns.back() + 1 : 0;
-    std::vector<float> scratch(4 * static_cast<std::size_t>(width));
-    float* const rows[3] = {scratch.data(), scratch.data() + width, scratch.data() + 2 * width};
-    float* const coarse = scratch.data() + 3 * width;
-    const auto load_coarse = [&](Plane<const Sample> plane, int row, float* values) {
-        load_samples(plane, row, coarse_left, coarse, coarse_width);
-        for (int j = 0; j < width; ++j) values[j] = coarse[columns[j]];
-    };
+    RowReader<Sample> reader(planes, axes, left, width);
+    const Components room(width);
     for (int i = 0; i < out.shape[0]; ++i) {
-        const int y = std::get<0>(corner) + i, row = down.of(y);
-        load_samples(first, y, left, rows[0], width);
-        load_coarse(second, row, rows[1]);
-        load_coarse(third, row, rows[2]);
-        apply_rows(rgb_from_codes, rows, width);
-        for (float* values : rows) look_up_row(to_linear, values, width);
-        if (!same_primaries) apply_rows(to_bt709, rows, width);
+        reader.load(top + i, room.rows);
+        apply_rows(rgb_from_codes, room.rows, width);
+        for (float* values : room.rows) look_up_row(to_linear, values, width);
+        if (!same_primaries) apply_rows(to_bt709, room.rows, width);
         if (coded) {
-            for (float* values : rows) {
+            for (float* values : room.rows) {
                 for (int j = 0; j < width; ++j) values[j] = std::min(std::max(values[j], 0.0f), 1.0f);
                 look_up_row(display, values, width);
             }
         }
-        interleave(rows, out.at(i), width);
+        interleave(room.rows, out.at(i), width);
+    }
+}
+
+// The green light (N, side, side) of squares whose first columns and rows are given (N, 2).
+template <class Sample>
+void green_patches(Planes<const Sample> planes, std::tuple<Axis, Axis> axes,
+                   Array<const std::int32_t, 2> corners, Matrix rgb_from_codes,
+                   Array<const float, 1> to_linear, Matrix to_bt709, Array<float, 3> out) {
+    const int side = out.shape[2];
+    const bool same_primaries = is_identity(to_bt709);
+    const Components room(side);
+    for (int n = 0; n < out.shape[0]; ++n) {
+        RowReader<Sample> reader(planes, axes, corners(n, 0), side);
+        for (int i = 0; i < out.shape[1]; ++i) {
+            float* green = out.at(n, i);
+            reader.load(corners(n, 1) + i, room.rows);
+            if (same_primaries) {
+                combine_rows(rgb_from_codes, 1, room.rows, green, side);
+                look_up_row(to_linear, green, side);
+            } else {
+                apply_rows(rgb_from_codes, room.rows, side);
+                for (float* values : room.rows) look_up_row(to_linear, values, side);
+                combine_rows(to_bt709, 1, room.rows, green, side);
+            }
+        }
     }
 }
 
@@ -115,6 +170,7 @@ void downsample(Planes<const Sample> planes, Matrix rgb_from_codes, Array<const 
 template <class Sample>
 void bind_samples(nanobind::module_& module) {
     module.def("linear", &linear<Sample>, Unlocked());
+    module.def("green_patches", &green_patches<Sample>, Unlocked());
     module.def("downsample", &downsample<Sample>, Unlocked());
 }
 

@@ -103,6 +103,18 @@ inline void apply_rows(Matrix matrix, float* const* rows, int count) {
     }
 }
 
+// One row of a matrix's products with three rows of numbers, as of `apply_rows`.
+inline void combine_rows(Matrix matrix, int number, float* const* rows, float* __restrict made, int count) {
+    const float* __restrict a = rows[0], * __restrict b = rows[1], * __restrict c = rows[2];
+    const float* m = matrix.at(number);
+    const bool affine = matrix.shape[1] == 4;
+    const float u = m[0], v = m[1], w = m[2], offset = affine ? m[3] : 0.0f;
+    for (int x = 0; x < count; ++x) {
+        const float sum = u * a[x] + v * b[x] + w * c[x];
+        made[x] = affine ? sum + offset : sum;
+    }
+}
+
 inline bool is_identity(Matrix matrix) {
     for (int k = 0; k < 3; ++k) {
         for (int j = 0; j < 3; ++j) {

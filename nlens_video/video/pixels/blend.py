@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -23,31 +23,18 @@ def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
     return axis.step, axis.phase, axis.first, np.array(axis.weights, np.float32)
 
 
-def _decoder(samples: Samples, to_display: Float32) -> Callable[[int, int, Float32], None]:
-    """Decodes the pixels from a column and row on [px] into an array (h, w, 3).
-
-    What the samples have in common is looked up once for many boxes.
-    """
+def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
     maps = tables(samples.coding)
     axes = _axis(samples.across), _axis(samples.down)
-
-    def decode(x: int, y: int, out: Float32) -> None:
-        kernels.linear(
-            samples.planes, axes, (y, x), maps.rgb_from_codes, maps.to_linear, maps.to_bt709,
-            to_display, out,
-        )  # fmt: skip
-
-    return decode
-
-
-def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
-    decode = _decoder(samples, to_display)
     out = np.empty((box.height, box.width, 3), np.float32)
 
-    def decode_band(band: Band) -> None:
-        decode(box.x0, box.y0 + band[0], out[slice(*band)])
+    def decode(band: Band) -> None:
+        kernels.linear(
+            samples.planes, axes, (box.y0 + band[0], box.x0), maps.rgb_from_codes, maps.to_linear,
+            maps.to_bt709, to_display, out[slice(*band)],
+        )  # fmt: skip
 
-    parallel_for(decode_band, picture_bands(box.height, box.width))
+    parallel_for(decode, picture_bands(box.height, box.width))
     return out
 
 
@@ -56,12 +43,15 @@ def linear(samples: Samples, box: Box) -> Float32:
     return _decoded(samples, box, _AS_LIGHT)
 
 
-def patches(samples: Samples, corners: Sequence[tuple[int, int]], side: int) -> Float32:
-    """Scene-linear BT.709 RGB (N, side, side, 3) of squares whose top left pixels are given."""
-    decode = _decoder(samples, _AS_LIGHT)
-    out = np.empty((len(corners), side, side, 3), np.float32)
-    for (x, y), patch in zip(corners, out, strict=True):
-        decode(x, y, patch)
+def green_patches(samples: Samples, corners: Sequence[tuple[int, int]], side: int) -> Float32:
+    """Scene-linear BT.709 green (N, side, side) of squares whose top left pixels are given."""
+    maps = tables(samples.coding)
+    out = np.empty((len(corners), side, side), np.float32)
+    kernels.green_patches(
+        samples.planes, (_axis(samples.across), _axis(samples.down)),
+        np.array(corners, np.int32).reshape(-1, 2), maps.rgb_from_codes, maps.to_linear,
+        maps.to_bt709, out,
+    )  # fmt: skip
     return out
 
 

@@ -48,12 +48,12 @@ class SamplesPicture:
         _check(samples, box)
         return blend.linear(samples, box)
 
-    def patches(self, corners: Sequence[tuple[int, int]], side: int) -> Float32:
-        """Scene-linear BT.709 RGB (N, side, side, 3) of squares that lie inside the frame."""
+    def green_patches(self, corners: Sequence[tuple[int, int]], side: int) -> Float32:
+        """Scene-linear BT.709 green (N, side, side) of squares that lie inside the frame."""
         samples = self.samples()
         for x, y in corners:
             _check(samples, Box(x, y, x + side, y + side))
-        return blend.patches(samples, corners, side)
+        return blend.green_patches(samples, corners, side)
 
     def downsample(self, width: int, height: int) -> Float32:
         """Scene-linear BT.709 RGB (height, width, 3) of means of nine codes."""
