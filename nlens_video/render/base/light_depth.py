@@ -229,7 +229,7 @@ def _across(axis: Float64) -> tuple[Float64, Float64]:
     sign = math.copysign(1.0, y)
     part = -1.0 / (sign + y)
     first = np.array([sign * x * z * part, -sign * z, 1.0 + sign * z * z * part])
-    return first, np.cross(axis, first)
+    return first, np.array([sign + x * x * part, -x, x * z * part])
 
 
 def _fitted(matrices: Float64, points: Float32, side: int) -> Float32:
