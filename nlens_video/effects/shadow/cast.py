@@ -283,4 +283,4 @@ def _some_points(casters: Casters) -> Float64:
     """A few hundred vertices, evenly among all (V, 3)."""
     transparent = (one.vertices[:, :3] for one in casters.transparent)
     points = np.concatenate([casters.vertices, *transparent])
-    return points[:: max(1, len(points) // _FOLLOWED)]
+    return points[:: max(1, len(points) // _FOLLOWED)].astype(np.float64)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
 from nlens_video.render.base.opacity import Opacities, Opacity, texturing
 from nlens_video.scene.camera import Camera
@@ -57,7 +57,7 @@ class TransparentCaster:
         opacity: of their surface.
     """
 
-    vertices: Float64
+    vertices: Float32 | Float64
     faces: Int32
     opacity: Opacity
 
@@ -73,7 +73,7 @@ class Casters:
         transparent: the other triangles.
     """
 
-    vertices: Float64
+    vertices: Float32 | Float64
     faces: Int32
     edges: Int32
     transparent: tuple[TransparentCaster, ...] = ()
@@ -101,13 +101,14 @@ class Casters:
                 opaque.append(mesh)
             else:
                 vertices = np.concatenate([mesh.positions, texturing(mesh.geometry)], axis=1)
-                vertices = vertices.astype(np.float64)
                 transparent.append(TransparentCaster(vertices, mesh.faces, opacity))
         if not opaque:
             return cls(np.zeros((0, 3)), _NO_EDGES[:, :3], _NO_EDGES, tuple(transparent))
         faces, edges = cache.joined(tuple(mesh.geometry for mesh in opaque))
-        vertices = np.concatenate([mesh.positions for mesh in opaque])
-        return cls(vertices.astype(np.float64), faces, edges, tuple(transparent))
+        # one mesh is not copied: the frames between two lanes would hold all moments twice
+        alone = len(opaque) == 1
+        places = opaque[0].positions if alone else np.concatenate([m.positions for m in opaque])
+        return cls(places, faces, edges, tuple(transparent))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,10 +233,12 @@ class Occluder:
     @classmethod
     def of(cls, casters: Casters, camera: Camera, ground_y: float) -> Occluder | None:
         """The casters above the ground; None where there are none."""
-        opaque = ClippedMesh.above(casters.vertices, casters.faces, casters.edges, ground_y)
+        vertices = casters.vertices.astype(np.float64)
+        opaque = ClippedMesh.above(vertices, casters.faces, casters.edges, ground_y)
+        through = ((one.vertices.astype(np.float64), one) for one in casters.transparent)
         transparent = tuple(
-            (ClippedMesh.above(one.vertices, one.faces, _NO_EDGES, ground_y), one.opacity)
-            for one in casters.transparent
+            (ClippedMesh.above(places, one.faces, _NO_EDGES, ground_y), one.opacity)
+            for places, one in through
         )
         meshes = [mesh for mesh in (opaque, *(one for one, _ in transparent)) if len(mesh.faces)]
         if not meshes:
