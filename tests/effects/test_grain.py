@@ -346,6 +346,12 @@ def test_plate_in_shadow_is_as_noisy_as_the_plate_is_at_that_level(left):
     assert shown.std(axis=(0, 1)) == pytest.approx(0.03 * np.sqrt(wanted), rel=0.06)
 
 
+def test_shadow_beside_the_frame_gets_no_noise():
+    plate = ArrayPicture(np.full((HEIGHT, WIDTH, 3), 0.25, np.float32), "rgb", LINEAR)
+    nothing = BlurredLayer.nothing()
+    assert RestoreGrain(even_noise(0.03), draw=2)(plate, nothing, 0).box.empty
+
+
 def test_faint_shadow_adds_no_noise_and_a_frames_noise_depends_on_its_index_alone():
     model, left = even_noise(0.03), np.ones((HEIGHT, WIDTH, 3))
     left[:, :100], left[:, 200:] = 0.96, 0.4

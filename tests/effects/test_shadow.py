@@ -306,6 +306,21 @@ def test_defocused_shadow_beside_the_frame_reaches_into_it():
     assert (after[60, -3:] < 0.499).all() and (after[60, :-12] == 0.5).all()
 
 
+@pytest.mark.parametrize("round_lens", [False, True])
+@pytest.mark.parametrize("step", [1, 2, 4])
+@pytest.mark.parametrize("coc_px", [0.0, 12.0, 20.0])
+def test_shadow_whose_blur_ends_beside_the_frame_leaves_the_plate(coc_px, step, round_lens):
+    plate = np.full((HEIGHT, WIDTH, 3), 0.5, np.float32)
+    for x0, y0 in ((-64, 0), (0, -64), (WIDTH + 32, 0), (0, HEIGHT + 32)):
+        box = Box(x0, y0, x0 + 32, y0 + 32)
+        size = (32 // step, 32 // step)
+        shadow = Shadow(
+            box=box, loss=np.full((*size, 3), 0.5, np.float32),
+            coc_px=np.full(size, coc_px, np.float32), step=step,
+        )  # fmt: skip
+        assert np.array_equal(darkened(plate, shadow, round_lens=round_lens), plate)
+
+
 @pytest.mark.parametrize("threads", [1, 2, 5])
 def test_shadow_is_bit_identical_on_any_number_of_threads(threads):
     light = of_sun(ambient=0.5, diameter=0.2)

@@ -110,6 +110,8 @@ def restore_grain_reference(
 
 def _dark_box(darkening: BlurredLayer) -> Box:
     """Where the layer takes so much light that noise is missed."""
+    if darkening.box.empty:
+        return darkening.box
     lost = (cv2.extractChannel(darkening.rgba, 3) > _LEAST_LOSS).astype(np.uint8)
     x, y, width, height = cv2.boundingRect(lost)
     return Box(x, y, x + width, y + height).moved(darkening.box.x0, darkening.box.y0)

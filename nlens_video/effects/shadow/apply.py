@@ -230,10 +230,11 @@ class ApplyShadow:
 
     def _blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
         """Loss in each channel and its mean, on a box inside the frame."""
-        step = shadow.step
-        if step == 1:
+        if (step := shadow.step) == 1:
             return self._on_grid(shadow, frame)
         blurred = self._on_grid(shadow, Box(0, 0, -(-frame.x1 // step), -(-frame.y1 // step)))
+        if blurred.box.empty:  # beside the frame
+            return blurred
         wide = scaled(blurred.box, step)
         box = wide.intersection(frame)
         rgba = enlarged(blurred.rgba, step)[box.slices_in(wide)]
