@@ -20,13 +20,12 @@ import numpy as np
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.native import kernels
+from nlens_video.render.base.mapped_lamps import mapped_lamps
 from nlens_video.render.base.opacity import Opacities, texturing
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Lamp, on_ball
+from nlens_video.scene.illumination import Lamp
 from nlens_video.scene.posed import PosedMesh, PosedScene, bounds_of
 
-MOST = 4
-"""Lights whose depth is drawn: the strongest ones."""
 SIDES = 128, 1024
 """Least and greatest width and height of a map [px]."""
 CELL: int = kernels.LIGHT_DEPTH_CELL
@@ -36,10 +35,8 @@ _STEPS = 4  # of the width from one power of two to the next
 _BANDS = 2  # of a map, for each thread: some rows take longer than others
 _MARGIN = 2  # around the object [px]
 _LIFT = 0.02  # of points whose triangle faces away from the light [1]
-_NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
 _BESIDE = 1.1  # from its middle: maps of nearer lamps look at its bounds [its radius]
 _HALF = 0.5  # alpha from which on blended surfaces block the light [1]
-_FAINT = 0.25  # of the strongest lamp's light, below which another has no map [1]
 _TURN = math.atan(0.15)  # of a map: edges along the scene's axes lie across its pixels [rad]
 _NOTHING = np.float32(-3.0e38)  # nearness where nothing is
 
@@ -66,6 +63,7 @@ class LightDepth:
 
     Attributes:
         lights: numbers of the lights (K,).
+        shares: of each light's light that its map may take (K,) [1].
         matrices: world points to (column, row, nearness, 1) times a positive number (K, 4, 4).
         softness: tangent of half the angle that each light's disc is wide (K,).
         nearness: of the surfaces nearest to the light (K, side, side) [px].
@@ -73,6 +71,7 @@ class LightDepth:
     """
 
     lights: tuple[int, ...]
+    shares: tuple[float, ...]
     matrices: Float64
     softness: tuple[float, ...]
     nearness: Float32
@@ -100,7 +99,7 @@ class LightDepth:
         bounds = bounds_of(points).astype(np.float64)
         if not np.isfinite(bounds).all() or not np.ptp(bounds, axis=0).any():
             return None
-        lights = _strongest(lamps, bounds)
+        lights = mapped_lamps(lamps, bounds)
         if not lights:
             return None
         matrices = np.stack([_matrix(lamps[number], bounds) for number in lights])
@@ -108,6 +107,7 @@ class LightDepth:
         nearness, cells = _drawn(places, casters, side)
         return cls(
             lights=tuple(lights),
+            shares=tuple(lights.values()),
             matrices=matrices,
             nearness=nearness,
             highest=_spread(cells),
@@ -181,20 +181,6 @@ def _casters(posed: PosedScene, opacities: Opacities) -> list[tuple[PosedMesh, C
             cutoff = opacity.cutoff if opacity.cutoff >= 0.0 else _HALF
             found.append((mesh, (surface, opacity.alpha, opacity.wrap, cutoff)))
     return found
-
-
-def _strongest(lamps: Sequence[Lamp], bounds: Float64) -> list[int]:
-    """Numbers of the lamps that get a map, the strongest first."""
-    middle, radius = bounds.mean(axis=0), 0.5 * float(np.linalg.norm(bounds[1] - bounds[0]))
-    strengths = []
-    for lamp in lamps:
-        position = lamp.posed.position
-        near = lamp.posed.light.kind != "directional"
-        away = np.linalg.norm(position - np.clip(position, *bounds)) if near else math.inf
-        strengths.append(on_ball(lamp, middle, radius) if away > _NEAREST * radius else 0.0)
-    least = _FAINT * max(strengths)
-    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])
-    return [number for number in order if 0.0 < strengths[number] >= least][:MOST]
 
 
 def _matrix(lamp: Lamp, bounds: Float64) -> Float64:

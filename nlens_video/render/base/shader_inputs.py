@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,8 @@ class Lighting:
     """The lights of one moment, directional ones first.
 
     Attributes:
-        lights: at most `MAX_LAMPS`.
+        lights: of at most `MAX_LAMPS` lamps; a lamp whose map may take a part of its light is two,
+            that part and the rest, which nothing blocks.
         ambient: light from around (9, 3), as of `Illumination.ambient`; None where there is none.
         surround: that light as of `Surround.levels`; None where no surface mirrors it.
         depth: of the object as some of the lights see it; None where nothing blocks them.
@@ -50,7 +51,8 @@ class Lighting:
         ordered = sorted(lamps, key=lambda lamp: lamp.posed.light.kind != "directional")
         known = mirrored and light.ambient is not None and light.surround is not None
         surround = light.surround.levels if known and light.surround else None
-        return cls(tuple(lamp.posed for lamp in ordered), light.ambient, surround, depth(ordered))
+        lights, mapped = _parted([lamp.posed for lamp in ordered], depth(ordered))
+        return cls(lights, light.ambient, surround, mapped)
 
     @property
     def defines(self) -> dict[str, int]:
@@ -98,6 +100,22 @@ class Lighting:
         views = self.depth.rows(eye) if self.depth is not None else np.zeros(0)
         parts = [clip_from_relative, np.append(eye, 0.0), self.ambient_rows(), lamps, views]
         return np.concatenate([np.asarray(part, np.float32).ravel() for part in parts])
+
+
+def _parted(
+    lights: Sequence[PosedLight], depth: LightDepth | None
+) -> tuple[tuple[PosedLight, ...], LightDepth | None]:
+    """The lights as of `Lighting.lights`, and the depth with its lights' numbers among these."""
+    if depth is None:
+        return tuple(lights), None
+    shares = dict(zip(depth.lights, depth.shares, strict=True))
+    found, places = list[PosedLight](), dict[int, int]()
+    for number, posed in enumerate(lights):
+        share = shares.get(number, 1.0)
+        places[number] = len(found)
+        parts = (share, 1.0 - share) if share < 1.0 else (1.0,)
+        found += [replace(posed, light=posed.light.scaled(part)) for part in parts]
+    return tuple(found), replace(depth, lights=tuple(places[number] for number in depth.lights))
 
 
 def _lamp(posed: PosedLight, eye: Float64, depth_map: int) -> list[tuple[float, ...]]:

@@ -350,7 +350,7 @@ def _light_depth(rng: np.random.Generator) -> tuple[tuple[float, float], tuple[f
     exact = light_depth_ref.nearness(places, faces, side)
     there = np.isfinite(exact) & (drawn[0] > -1e38)
     depth = LightDepth(
-        lights=(0,), matrices=np.eye(4)[None], softness=(0.07,), nearness=drawn,
+        lights=(0,), shares=(1.0,), matrices=np.eye(4)[None], softness=(0.07,), nearness=drawn,
         highest=np.full((1, side // light_depth.CELL, side // light_depth.CELL), drawn.max()),
     )  # fmt: skip
     points = np.column_stack([rng.uniform(8.0, 120.0, (400, 2)), rng.uniform(0.0, 60.0, 400)])
