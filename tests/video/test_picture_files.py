@@ -220,3 +220,12 @@ def test_light_of_a_float_plate_is_read_back_from_nut_as_it_was(tmp_path, codec)
         found = next(iter(source)).picture.linear(Box(0, 0, 64, 48))
         assert "f32" not in source.info.pixel_format
     assert np.abs(found - 0.2).max() < 0.002
+
+
+def test_rows_of_a_pfm_plate_lie_as_the_file_says(tmp_path):
+    light = np.linspace(0.1, 0.9, 48 * 64 * 3, dtype=np.float32).reshape(48, 64, 3)
+    assert cv2.imwrite(str(tmp_path / "in.pfm"), light[..., ::-1])
+    with open_source(str(tmp_path / "in.pfm")) as source:
+        picture = next(iter(source)).picture
+    assert (picture.linear(Box(0, 0, 64, 48)) == light).all()
+    assert (picture.copy().linear(Box(0, 0, 64, 48)) == light).all()

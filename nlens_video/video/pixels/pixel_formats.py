@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import av
+import numpy as np
 from av.video.reformatter import Interpolation
 
 from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags, Family
@@ -150,13 +151,30 @@ def _packed(name: str) -> PixelLayout:
 
 
 def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
-    """The frame in its working format; the same frame where it is in one.
+    """The frame in its working format, rows from the top; the same frame where it is so.
 
     Raises:
         InputError: its format is not supported.
     """
     target = working_format(frame.format.name)
-    return frame if target == frame.format.name else converted(frame, target)
+    if target != frame.format.name:
+        return converted(frame, target)
+    return _from_the_top(frame) if any(one.line_size < 0 for one in frame.planes) else frame
+
+
+def _from_the_top(frame: av.VideoFrame) -> av.VideoFrame:
+    """A copy of a frame whose rows lie in memory from the bottom up, as FFmpeg's of PFM files."""
+    made = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for mine, theirs in zip(made.planes, frame.planes, strict=True):
+        rows, own = (
+            np.frombuffer(memoryview(one), np.uint8).reshape(one.height, abs(one.line_size))
+            for one in (theirs, mine)
+        )
+        width = min(rows.shape[1], own.shape[1])
+        own[:, :width] = rows[::-1, :width]
+    take_tags(made, frame)
+    made.duration = frame.duration
+    return made
 
 
 def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
