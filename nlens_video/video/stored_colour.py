@@ -11,6 +11,7 @@ from av.video.codeccontext import VideoCodecContext
 from nlens_video.core.color import FULL_RANGE, TRANSFERS, ColorTags, luma
 from nlens_video.core.errors import InputError
 from nlens_video.video.info import FrameTags, SourceInfo
+from nlens_video.video.pixels.display_codes import SRGB_TRC, is_float, is_light
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
 
 _LIMITED = 1
@@ -101,13 +102,16 @@ def set_colour(told: VideoCodecContext | av.VideoFrame, tags: FrameTags) -> None
 
 
 def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
-    """The source's tags; after a conversion from RGB to YUV those of `converted`."""
+    """The source's tags; after a conversion those of `converted` and `display_coded`."""
+    tags = info.frame_tags
+    if is_light(info.pixel_format, info.tags) and not is_float(pixel_format):
+        tags = replace(tags, color_trc=SRGB_TRC)
     if av.VideoFormat(pixel_format).is_rgb:
-        return replace(info.frame_tags, colorspace=0, color_range=FULL_RANGE)
+        return replace(tags, colorspace=0, color_range=FULL_RANGE)
     if info.tags.matrix != "gbr" or "gray" in pixel_format:
-        return info.frame_tags
+        return tags
     matrix, span = (5, FULL_RANGE) if pixel_format.startswith("yuvj") else (1, _LIMITED)
-    return FrameTags(colorspace=matrix, color_range=span, color_primaries=1, color_trc=13)
+    return FrameTags(colorspace=matrix, color_range=span, color_primaries=1, color_trc=SRGB_TRC)
 
 
 def _layout(pixel_format: str) -> PixelLayout | None:

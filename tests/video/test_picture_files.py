@@ -229,3 +229,44 @@ def test_rows_of_a_pfm_plate_lie_as_the_file_says(tmp_path):
         picture = next(iter(source)).picture
     assert (picture.linear(Box(0, 0, 64, 48)) == light).all()
     assert (picture.copy().linear(Box(0, 0, 64, 48)) == light).all()
+
+
+def light_plate(path, *, grey):
+    """A picture of light up to 1.5, as its file holds it (48, 64, 3)."""
+    y, x = np.mgrid[:48, :64]
+    light = np.stack([0.7 + 0.8 * np.sin(x / 9 + k) * np.cos(y / 7 + k) for k in range(3)], -1)
+    light = np.maximum(light, 0.0).astype(np.float32)
+    assert cv2.imwrite(str(path), light[..., 0] if grey else light)
+    found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return np.dstack([found] * 3) if grey else found[..., ::-1]
+
+
+@pytest.mark.parametrize(("ending", "off"), [(".png", 10.0), (".tif", 10.0), (".jpg", 2500.0)])
+@pytest.mark.parametrize(
+    ("plate", "grey"), [("in.hdr", False), ("in.pfm", False), ("in.pfm", True)]
+)
+def test_light_of_a_float_plate_becomes_srgb_codes(tmp_path, plate, grey, ending, off):
+    light = np.clip(light_plate(tmp_path / plate, grey=grey), 0.0, 1.0)
+    copy(tmp_path / plate, tmp_path / f"out{ending}")
+    codes = np.where(light < 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    found = read(tmp_path / f"out{ending}", "rgb48le")
+    assert np.abs(found - 65535.0 * codes).mean() < off
+
+
+@pytest.mark.parametrize("name", ["out.png", "out.nut", "out.mp4"])
+@pytest.mark.parametrize("grey", [False, True])
+def test_light_of_a_float_plate_is_read_back_as_it_was_up_to_white(tmp_path, name, grey):
+    light = np.clip(light_plate(tmp_path / "in.pfm", grey=grey), 0.0, 1.0)
+    copy(tmp_path / "in.pfm", tmp_path / name, codec="rawvideo" if name == "out.nut" else None)
+    with open_source(str(tmp_path / name)) as source:
+        assert source.info.tags.transfer == "iec61966-2-1"
+        found = next(iter(source)).picture.linear(Box(0, 0, 64, 48))
+    fine = grey or name != "out.mp4"  # else the waves' colours are finer than its chroma
+    assert np.abs(found - light).mean() < (0.015 if fine else 0.04)
+
+
+def test_grey_pictures_of_16_bits_keep_their_levels_in_video(tmp_path):
+    ramp = np.tile(np.linspace(0, 65535, 64).astype(np.uint16), (48, 1))
+    assert cv2.imwrite(str(tmp_path / "in.png"), ramp)
+    copy(tmp_path / "in.png", tmp_path / "out.mp4")
+    assert np.abs(read(tmp_path / "out.mp4", "rgb48le") - ramp[..., None].astype(int)).max() < 1200

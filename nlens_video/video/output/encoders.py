@@ -7,6 +7,7 @@ from av.codec.codec import Capabilities
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.video.info import SourceInfo
+from nlens_video.video.pixels.display_codes import is_float, is_light
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
 
 # Decoder (or family) to encoder.
@@ -237,9 +238,7 @@ def clipped_light(info: SourceInfo, chosen: str) -> tuple[str, ...]:
         info: the source.
         chosen: the encoder's input format.
     """
-    goal, kind = layout(working_format(info.pixel_format)), _known_layout(chosen)
-    of_light = goal is not None and goal.family == "float" and info.tags.transfer == "linear"
-    if not of_light or (kind is not None and kind.family == "float"):
+    if not is_light(info.pixel_format, info.tags) or is_float(chosen):
         return ()
     return (
         f"light above white (1.0) and below 0 is clipped: {chosen} does not hold it; .exr files do",

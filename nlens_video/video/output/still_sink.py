@@ -24,6 +24,7 @@ from nlens_video.video.output.picture_files import (
     picture_encoding,
     picture_options,
 )
+from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
 from nlens_video.video.pixels.upright import turned
@@ -128,14 +129,15 @@ class StillSink(Sink):
         return self._numbered.path(self._first + index) if self._numbered else self._path
 
     def _encode(self, frame: SourceFrame) -> bytes:
+        picture = display_coded(frame.picture, self._format)
         jpeg = self._codec == "mjpeg" and self._info.codec != "mjpeg"
         if jpeg or self._info.rotation:  # JPEG has its own matrix, and turning wants whole pixels
-            pixels = picture_frame(frame.picture, self._whole_format())
+            pixels = picture_frame(picture, self._whole_format())
             if self._info.rotation:
                 pixels = turned(pixels, self._info.rotation)
             pixels = converted(pixels, self._format)
         else:
-            pixels = picture_frame(frame.picture, self._format, limited=self._limited)
+            pixels = picture_frame(picture, self._format, limited=self._limited)
         context = av.CodecContext.create(self._codec, "w")
         assert isinstance(context, VideoCodecContext)
         context.width, context.height, context.pix_fmt = pixels.width, pixels.height, self._format

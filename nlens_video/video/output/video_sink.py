@@ -33,6 +33,7 @@ from nlens_video.video.output.encoder_threads import open_in_background, ordinar
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.output.trials import plays
+from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
 from nlens_video.video.stored_colour import set_colour, siting_option, stored_colour
@@ -129,8 +130,8 @@ class VideoSink(Sink):
             OutputError: the disk is full, or the encoder refuses the frame.
         """
         stored = upright_frame if self._turns else picture_frame
-        limited = self._colour.limited
-        encoded = stored(frame.picture, self.encoding.pixel_format, limited=limited)
+        name, limited = self.encoding.pixel_format, self._colour.limited
+        encoded = stored(display_coded(frame.picture, name), name, limited=limited)
         self._clock.stamp(encoded, self._start.frame(frame))
         self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames

@@ -203,14 +203,18 @@ def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
     copy_colour_tags(made, frame)
 
 
+def _is_grey(name: str) -> bool:
+    return _GRAY.match(name) is not None
+
+
 def converted(
     frame: av.VideoFrame, target: str, tags: ColorTags | None = None, *, limited: bool = False
 ) -> av.VideoFrame:
     """The frame in another pixel format, at its own time.
 
     Between two YUV or two RGB formats matrix and range stay, but with `limited` YUV becomes
-    limited. YUV to RGB uses `tags`; RGB to YUV uses BT.709 in limited range, or for `yuvj` BT.601
-    in full range as in JPEG, and tags the result so.
+    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses BT.709 in limited range, or for `yuvj`
+    BT.601 in full range as in JPEG, and tags the result so.
 
     Args:
         frame: any.
@@ -224,7 +228,7 @@ def converted(
     if tags is not None and not was and tags.matrix != "gbr":
         matrix = next(number for number, name in MATRICES.items() if name == tags.matrix)
         span = FULL_RANGE if tags.full_range else 1
-    to_yuv = was and not becomes
+    to_yuv = (was or _is_grey(frame.format.name)) and not becomes and not _is_grey(target)
     jpeg = target.startswith("yuvj")
     made = (5 if jpeg else 1) if to_yuv else matrix
     result = frame.reformat(
