@@ -9,6 +9,7 @@ _PITCH_DEG = 5.0  # standard error from which the ground visibly tilts
 _FOV_SHARE = 0.15  # standard error of the field of view, as a share of it [1]
 _REAL_DEG = (3.0, 150.0)  # fields of view of lenses in use
 _BESIDE = 0.001  # of the width: half of a path's points are off by more [1]
+_NAMED = 3  # segments in a note
 # What to give, to a command that solves the camera, and to one that got it from a file.
 _LENS = "--fov DEG if the lens is known", "--fov DEG to `nlens-video solve` if the lens is known"
 _GROUND = (
@@ -85,3 +86,16 @@ def doubt(solved: SolvedCamera, *, from_file: bool = False) -> str:
     *first, last = [remedy[from_file] for remedy in (*remedies, _FILE)]
     doubted = found[0] if len(found) == 1 else f"{', '.join(found[:-1])} and {found[-1]}"
     return f"the plate's camera is uncertain: {doubted}; give {', '.join(first)}, or {last}"
+
+
+def missed(solved: SolvedCamera) -> str:
+    """One sentence on lines that were to be ignored and are not there; empty if none."""
+    if not solved.missed_lines:
+        return ""
+    ends = [",".join(f"{number:.3g}" for number in one) for one in solved.missed_lines[:_NAMED]]
+    more = len(solved.missed_lines) - len(ends)
+    named = f"{' or '.join(ends)}{f' or {more} others' if more else ''}"
+    return (
+        f"--ignore-lines: no line of the first frame lies along {named}; "
+        "nlens-video studio shows where lines are, or leave these out"
+    )

@@ -103,6 +103,8 @@ class SolvedCamera:
         pixel_aspect: width of a pixel by its height, > 0 [1].
         fov_told_deg: field of view that the movement tells and its standard error, where that
             contradicts a given one, which is kept; not of `camera.json` [deg].
+        missed_lines: ends x0, y0, x1, y1 of segments whose lines were to be ignored, and along
+            which there is none; not of `camera.json` [frame width, frame height].
     """
 
     width: int
@@ -123,6 +125,7 @@ class SolvedCamera:
     points: Float64 | None = None
     pixel_aspect: float = 1.0
     fov_told_deg: tuple[float, float] | None = None
+    missed_lines: tuple[tuple[float, ...], ...] = ()
 
     @property
     def distortion(self) -> Distortion | None:

@@ -121,7 +121,7 @@ class Console:
 
     def camera(self, path: Path, camera: SolvedCamera) -> None:
         """Show a plate's camera that was saved."""
-        from nlens_video.cameras.doubt import doubt  # compiled kernels load with it
+        from nlens_video.cameras.doubt import doubt, missed  # compiled kernels load with it
 
         first, errors = camera.keys[0], camera.errors
         if self._json:
@@ -135,8 +135,8 @@ class Console:
                 f"roll {first.roll_deg:z.1f} ± {errors.roll_deg:.1f} ({camera.horizon})",
             )
             self._say("path", f"{camera.path}, {frames}, scale {camera.scale}; {camera.method}")
-            if uncertain := doubt(camera):
-                self._say("note", uncertain)
+            for text in filter(None, (doubt(camera), missed(camera))):
+                self._say("note", text)
             self._say("saved", str(path))
 
     def note(self, text: str) -> None:

@@ -143,6 +143,7 @@ def solve_plate(
     camera = camera.resized(info.width, info.height, info.pixel_aspect)
     stretch = np.array(_stretch(info))
     small = round(size[0] * stretch[0]), round(size[1] * stretch[1])
+    camera = replace(camera, missed_lines=_missed_lines(source, solver))
     return Solved(
         camera,
         SolvedFrom(
@@ -150,6 +151,16 @@ def solve_plate(
         ),
         replace(tracked, position=tracked.position * stretch),
         frames,
+    )
+
+
+def _missed_lines(source: SourceSettings, solver: ShotSolver) -> tuple[tuple[float, ...], ...]:
+    """Segments whose lines the user would have ignored, and along which none is shown."""
+    given = np.reshape(source.ignored_lines, (-1, 4)).tolist()
+    return tuple(
+        tuple(ends)
+        for ends, one in zip(given, solver.ignored, strict=True)
+        if not solver.shown.along(one, solver.size[0]).any()
     )
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from nlens_video.cameras.doubt import missed
 from nlens_video.cameras.files import camera_bytes, check_camera_name, lost_in
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.cli.plate_solver import Solved, solve_plate
@@ -125,6 +126,8 @@ def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
         path = Path(folder) / "camera.json"
         with console.progress_bar("tracking") as on_progress:
             camera = camera_of_run(settings, on_progress)
+        if said := missed(camera):
+            console.note(said)
         path.write_text(camera.to_json(), encoding="utf-8")
         yield replace(settings, scene=replace(settings.scene, camera_from=path))
 

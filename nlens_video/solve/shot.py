@@ -14,13 +14,7 @@ from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, PathKind, SolvedCamera
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, CocMap, Float64
-from nlens_video.solve.focal import (
-    MOST_POOLED,
-    KnownFov,
-    focal_of_scene,
-    product,
-    turned_segments,
-)
+from nlens_video.solve.focal import MOST_POOLED, KnownFov, focal_of_scene, product, turned_segments
 from nlens_video.solve.paths.bundle import Bundle
 from nlens_video.solve.paths.given_focal import told_against, without_fov
 from nlens_video.solve.paths.joining import Joined, parts_of
@@ -97,11 +91,15 @@ class ShotSolver:
 
     @property
     def segments(self) -> Segments:
+        """Those of `shown` that may tell the camera."""
+        return self.shown.without(self.ignored, self.size[0])
+
+    @property
+    def shown(self) -> Segments:
         """Line segments of the first picture; of several's median where the camera is still."""
         if self._lines is None and self.lines:
             pictures = list(self._pictures.values())[: 1 if self._tracker.moves else None]
-            found = find_segments(np.median(pictures, axis=0).astype(np.uint8))
-            self._lines = found.without(self.ignored, self.size[0])
+            self._lines = find_segments(np.median(pictures, axis=0).astype(np.uint8))
         return self._lines or NO_SEGMENTS
 
     def add(self, luma: npt.NDArray[np.uint8], pts_s: float) -> None:

@@ -10,6 +10,8 @@ from support.misleading_lines import LINES, PITCH_DEG, angles_deg, plate
 
 pytestmark = pytest.mark.slow
 IGNORED = ",".join(f"{number:.4f}" for line in LINES for number in line)
+BESIDE = "0.9,0.95,0.95,0.95"  # where the plate shows no line
+THERE = ",".join(f"{number:.4f}" for number in LINES[3])
 CHEAP = ("--effects", "none", "--preset", "draft")
 
 
@@ -45,3 +47,32 @@ def test_render_and_shot_file_solve_as_the_command_does(tmp_path):
     assert other.returncode == 0, other.stderr
     assert first != (tmp_path / "three.png").read_bytes()
     assert json.loads(run.stdout)["output"].endswith("one.png")
+
+
+@pytest.mark.parametrize(
+    ("ignored", "named"),
+    [(THERE, None), (BESIDE, BESIDE), (f"{THERE},{BESIDE}", BESIDE),
+     (",".join([BESIDE] * 5), f"{BESIDE} or {BESIDE} or {BESIDE} or 2 others")],
+)  # fmt: skip
+def test_solve_says_once_which_lines_to_ignore_are_not_there(tmp_path, ignored, named):
+    shots.write_png(tmp_path / "in.png", plate())
+    run = nlens(
+        "solve", tmp_path / "in.png", tmp_path / "camera.json", "--fov", FOV_DEG,
+        f"--ignore-lines={ignored}",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    told = [line for line in run.stderr.splitlines() if "--ignore-lines" in line]
+    assert len(told) == (named is not None)
+    assert not told or f"no line of the first frame lies along {named};" in told[0]
+    assert "missed" not in json.dumps(json.loads((tmp_path / "camera.json").read_text()))
+
+
+def test_render_says_that_a_line_to_ignore_is_not_there(tmp_path):
+    shots.write_png(tmp_path / "in.png", plate())
+    shots.cube_glb(tmp_path / "bare.glb", camera=False, sun=False)
+    run = nlens(
+        tmp_path / "in.png", tmp_path / "bare.glb", tmp_path / "out.png", "--fov", FOV_DEG,
+        *CHEAP, f"--ignore-lines={BESIDE}",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert run.stderr.count(f"no line of the first frame lies along {BESIDE}") == 1

@@ -45,21 +45,31 @@ class Segments:
         """Lengths (N,) [px]."""
         return np.asarray(np.linalg.norm(self.ends[:, 1] - self.ends[:, 0], axis=1))
 
+    def along(self, other: Float64, width: int) -> Bool:
+        """Which of them lie along another segment (N,).
+
+        Args:
+            other: its ends (2, 2) [px].
+            width: of the frame; both ends of a segment along another are no farther from that than
+                a hundredth of it [px].
+        """
+        first, last = other
+        way = last - first
+        share = (self.ends - first) @ way / max(float(way @ way), 1e-9)
+        nearest = first + np.clip(share, 0.0, 1.0)[..., None] * way
+        apart = np.linalg.norm(self.ends - nearest, axis=2)
+        return np.asarray((apart <= _ALONG * width).all(axis=1))
+
     def without(self, others: Float64, width: int) -> Segments:
         """Those that do not lie along one of some other segments.
 
         Args:
             others: their ends (M, 2, 2) [px].
-            width: of the frame; both ends of a segment along another are nearer to that than a
-                hundredth of it [px].
+            width: as of `along` [px].
         """
         kept = np.ones(len(self.ends), bool)
-        for first, last in others:
-            way = last - first
-            share = (self.ends - first) @ way / max(float(way @ way), 1e-9)
-            nearest = first + np.clip(share, 0.0, 1.0)[..., None] * way
-            apart = np.linalg.norm(self.ends - nearest, axis=2)
-            kept &= (apart > _ALONG * width).any(axis=1)
+        for other in others:
+            kept &= ~self.along(other, width)
         return Segments(self.ends[kept], self.error_px[kept])
 
 
