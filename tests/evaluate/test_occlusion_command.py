@@ -146,6 +146,32 @@ def test_frames_without_truth_count_for_the_matte_only(clip, tmp_path, capsys):
         assert all(line["matte_percent"] for line in lines)
 
 
+def test_a_clip_that_never_shows_the_object_is_named_and_in_no_figure(made, tmp_path, capsys):
+    clips, out = tmp_path / "clips", tmp_path / "out"
+    for name in ("clip", "gone"):
+        shutil.copytree(made, clips / name)
+    for index in range(FRAMES):
+        without_object(clips / "gone", index)
+    assert main(["evaluate", "occlusion", str(clips), "--json", "-q", "--out", str(out)]) == 0
+    written = (out / "occlusion.md").read_text()
+    assert "\nclip\n\nLeft out, since no frame shows the object: gone.\n" in written
+    assert written.count("gone") == 1
+    assert "gone" not in (out / "occlusion_frames.csv").read_text()
+    told = json.loads(capsys.readouterr().out)
+    assert told["left_out"] == ["gone"]
+    assert {one["plate"] for one in told["occlusion"]["plates"]} == {"clip"}
+    assert all(row["before_db"] is not None for row in told["occlusion"]["summary"])
+
+
+def test_clips_that_never_show_the_object_are_refused_in_one_line(clip, capfd):
+    for index in range(FRAMES):
+        without_object(clip, index)
+    assert main(["evaluate", "occlusion", str(clip), "--json"]) == 3
+    told = capfd.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1
+    assert "the object is out of view on all frames (clip);" in told.err
+
+
 def half_as_large(folder):
     path = folder / "front" / "0001.png"
     assert cv2.imwrite(str(path), np.zeros((HEIGHT // 2, WIDTH // 2), np.uint8))

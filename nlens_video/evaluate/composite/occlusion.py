@@ -68,27 +68,47 @@ class FrameOrder:
 def evaluate_occlusion(folder: Path, out: Path | None, *, as_json: bool, quiet: bool) -> None:
     """Composite every clip with the foreground found, given and left out.
 
+    A clip that shows the object on no frame is named, and is in no figure.
+
     Raises:
-        InputError: no clip, or one that cannot be read.
+        InputError: no clip, one that cannot be read, or none that shows the object.
         SceneError: a clip's GLB cannot be used.
         OutputError: `out` cannot be written.
     """
     found = find_folders(folder, "clip", MARK, (*PARTS, "front"))
     prepare_folder(out, plots=False)
-    table, frames = _table(), list[list[object]]()
+    table, frames, unseen = _table(), list[list[object]](), list[str]()
     for path in track(found, "compositing clips", quiet=quiet):
         sequence, orders = load_sequence(path), load_orders(path)
+        if not _shows_object(sequence):
+            unseen.append(path.name)
+            continue
         for row, composites in _composites(sequence):
             figures, rows = measure(sequence, orders, composites)
             table.add(row, path.name, figures)
             frames += [[row, path.name, *one] for one in rows]
+    if not table.entries:
+        raise InputError(
+            f"{folder}: the object is out of view on all frames ({', '.join(unseen)}); "
+            "give clips that show it"
+        )
+    left_out = f"\nLeft out, since no frame shows the object: {', '.join(unseen)}.\n"
     columns = ["row", "clip", "frame", "psnr_db", "before", "matte_percent"]
     Report(
         name="occlusion",
-        sections=[f"# Moving foreground\n\n{', '.join(table.plates())}\n"],
+        sections=[
+            f"# Moving foreground\n\n{', '.join(table.plates())}\n{left_out if unseen else ''}"
+        ],
         tables=[table],
+        facts={"left_out": unseen},
         files={"occlusion_frames.csv": csv_lines(columns, frames)},
     ).publish(out, as_json=as_json, quiet=quiet)
+
+
+def _shows_object(sequence: Sequence) -> bool:
+    size = sequence.fit.width, sequence.fit.height
+    layers = (Path(sequence.layers % index) for index in range(sequence.frames))
+    return any(bool(read_layer(layer, size).rgba[..., 3].any()) for layer in layers)
 
 
 def load_orders(folder: Path) -> tuple[FrameOrder, ...]:
