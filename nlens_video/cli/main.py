@@ -194,7 +194,8 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
     if getattr(args, "plan", False):
         from nlens_video.run.render import plan
 
-        console.plan(plan(settings, all_reasons=args.verbose or args.json))
+        chunks = getattr(args, "as_chunk", False)
+        console.plan(plan(settings, all_reasons=args.verbose or args.json, as_chunks=chunks))
         return 0
     if args.command == "farm" or (args.command == "render" and (args.resume or args.as_chunk)):
         from nlens_video.cli import farm_commands

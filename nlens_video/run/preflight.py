@@ -25,7 +25,7 @@ from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.named_files import ImageSequence, is_file
-from nlens_video.video.output.sink import check_output, open_sink
+from nlens_video.video.output.sink import check_output, notes_on_encoding, open_sink
 
 _ESTIMATE = 0.95
 """Containers that count frames by their length may be off by so much [1]."""
@@ -71,6 +71,27 @@ def open_result(
     return open_sink(
         output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
         keep_partial=output.keep_partial, one_frame=source.one_frame,
+    )  # fmt: skip
+
+
+def notes_on_result(
+    output: OutputSettings | None, info: SourceInfo, source: SourceSettings
+) -> tuple[str, ...]:
+    """What pictures lose in a result, which is not opened; of none, nothing.
+
+    Args:
+        output: as `open_result`.
+        info: as `open_result`.
+        source: as `open_result`.
+
+    Raises:
+        UsageError, OutputError: as `open_result`.
+    """
+    if output is None:
+        return ()
+    return notes_on_encoding(
+        output.spec, info, codec=output.codec, crf=output.crf, pix_fmt=output.pix_fmt,
+        one_frame=source.one_frame,
     )  # fmt: skip
 
 

@@ -25,7 +25,13 @@ from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, o
 from nlens_video.run.open_run import open_run, take_in
 from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.pooled_samples import passes
-from nlens_video.run.preflight import check_settings, check_shot, check_written, open_result
+from nlens_video.run.preflight import (
+    check_settings,
+    check_shot,
+    check_written,
+    notes_on_result,
+    open_result,
+)
 from nlens_video.video.chunk_queue import ChunkFeed
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.input.reconnect import Reconnecting
@@ -69,19 +75,24 @@ class RunResult:
         return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
 
 
-def plan(settings: Settings, *, all_reasons: bool = True) -> tuple[str, ...]:
+def plan(
+    settings: Settings, *, all_reasons: bool = True, as_chunks: bool = False
+) -> tuple[str, ...]:
     """The resolved graph in words; reads the GLB and the source's first frames, renders nothing.
 
     Args:
         settings: the run.
         all_reasons: as of `graph.session.describe`.
+        as_chunks: whether the output is a folder of chunks, which lose nothing.
 
     Raises:
         NlensError: as `render`.
     """
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
         info, session = run_input.info, run_input.session
-        notes = (*info.notes, *notes_beforehand(settings, info, session))
+        part = part_of(info, settings.source.frames)
+        lost = () if as_chunks else notes_on_result(settings.output, part, settings.source)
+        notes = (*info.notes, *notes_beforehand(settings, info, session), *lost)
         return (
             *_describe_source(info),
             *(f"note: {note}" for note in notes),

@@ -90,3 +90,51 @@ def test_plan_says_where_the_frame_rate_varies(tmp_path, times, told):
     run = nlens(plate, glb, tmp_path / "out.mp4", "--plan", "--fit", fit)
     (line,) = [one for one in run.stdout.splitlines() if one.startswith("plate ")]
     assert line.endswith(told), line
+
+
+LOST = ("codec ", "pixel format ", "light above white")
+
+
+def lost(text, label):
+    """Notes on what pictures lose, of a plan or a summary."""
+    notes = [line.partition(label)[2].strip() for line in text.splitlines() if label in line]
+    return [note for note in notes if note.startswith(LOST)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plate", "codec", "pix_fmt", "out", "told"),
+    [
+        ("in.mov", "qtrle", "argb", ["out.mp4"], "alpha is left out"),
+        ("in.mkv", "ffv1", "yuv420p10le", ["out.mpg"], "8 bits for 10"),
+        ("in.mkv", "ffv1", "yuv420p10le", ["out_%02d.webp"], "8 bits for 10"),
+        ("in.mkv", "ffv1", "yuv444p10le", ["out.jpg", "--frame", "1"], "8 bits for 10"),
+        ("in.mkv", "ffv1", "yuv420p10le", ["out.mkv"], None),
+        ("in.mp4", "libx264", "yuv420p", ["out.mp4"], None),
+    ],
+)
+def test_plan_says_what_the_result_loses_of_the_plate_as_the_summary_does(
+    tmp_path, plate, codec, pix_fmt, out, told
+):
+    shots.write_video(tmp_path / plate, 2, codec=codec, pix_fmt=pix_fmt, audio=False)
+    name, *more = out
+    words = [
+        tmp_path / plate, shots.cube_glb(tmp_path / "anim.glb"), tmp_path / name, *more,
+        "--fit", shots.fit_json(tmp_path / "fit.json"), "--preset", "draft",
+    ]  # fmt: skip
+    before = sorted(tmp_path.iterdir())
+    found = lost(nlens(*words, "--plan").stdout, "note: ")
+    assert sorted(tmp_path.iterdir()) == before
+    assert found == lost(nlens(*words).stderr, "note ")
+    assert bool(found) == (told is not None)
+    assert told is None or told in found[-1]
+
+
+@pytest.mark.slow
+def test_plan_of_chunks_and_of_an_address_says_nothing_of_what_is_lost(words, tmp_path):
+    plate, glb, _, *more = words
+    for out in ([tmp_path / "chunks", "--chunk-out"], ["udp://127.0.0.1:9"]):
+        run = nlens(plate, glb, *out, *more)
+        assert run.returncode == 0, run.stderr
+        assert lost(run.stdout, "note: ") == []
+    assert not list(tmp_path.iterdir())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from nlens_video.core.errors import OutputError, UsageError
@@ -17,7 +18,8 @@ from nlens_video.video.output.encoders import (
     not_held,
     some_format,
 )
-from nlens_video.video.output.picture_files import ANIMATED, EXTENSIONS
+from nlens_video.video.output.encoding import choose_encoding
+from nlens_video.video.output.picture_files import ANIMATED, EXTENSIONS, picture_encoding
 from nlens_video.video.output.still_sink import StillSink
 from nlens_video.video.output.stream_output import NUT, is_stream, muxer
 from nlens_video.video.output.video_sink import VideoSink
@@ -50,8 +52,7 @@ def open_sink(
         plate = local_path(info.name)
         if plate is not None and NamedFiles(path).meets(NamedFiles(plate)):
             raise OutputError(f"{spec}: is the input as well; give the result another name")
-        animated = path.suffix.lower() in ANIMATED and info.kind != "still" and not one_frame
-        if animated and not ImageSequence.matches(spec):
+        if _is_animated(spec, info, one_frame=one_frame):
             return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
         if path.suffix.lower() in EXTENSIONS:
             if not (info.kind == "still" or one_frame or ImageSequence.matches(spec)):
@@ -64,6 +65,48 @@ def open_sink(
     return VideoSink(
         spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt, keep_partial=keep_partial
     )  # fmt: skip
+
+
+def notes_on_encoding(
+    spec: str, info: SourceInfo, *, codec: str | None = None, crf: float | None = None,
+    pix_fmt: str | None = None, one_frame: bool = False,
+) -> tuple[str, ...]:  # fmt: skip
+    """What pictures lose by the encoder and the pixel format of a result, which is not opened.
+
+    Nothing is told of addresses, devices and named pipes, and of what is no picture.
+
+    Args:
+        spec: as `open_sink`.
+        info: as `open_sink`.
+        codec: as `open_sink`.
+        crf: as `open_sink`.
+        pix_fmt: as `open_sink`.
+        one_frame: as `open_sink`.
+
+    Raises:
+        OutputError: nothing writes that extension, or its container holds no such pictures.
+        UsageError: as `open_sink`.
+    """
+    if spec != "-" and is_stream(spec):
+        return ()
+    container, suffix = NUT, Path(spec).suffix.lower()
+    if spec == "-":
+        codec = codec or container.video_codec
+    elif suffix in EXTENSIONS and not _is_animated(spec, info, one_frame=one_frame):
+        return () if suffix == ".exr" else picture_encoding(info, suffix, pix_fmt).reasons
+    else:
+        container = muxer(spec)
+    name = container.name
+    return choose_encoding(
+        info, partial(holds_video, name), name, default=container.video_codec,
+        codec=codec, crf=crf, pix_fmt=pix_fmt,
+    ).reasons  # fmt: skip
+
+
+def _is_animated(spec: str, info: SourceInfo, *, one_frame: bool) -> bool:
+    """Whether a file of a kind that holds pictures and videos is to hold a video."""
+    kind = Path(spec).suffix.lower() in ANIMATED and not ImageSequence.matches(spec)
+    return kind and info.kind != "still" and not one_frame
 
 
 def check_output(
