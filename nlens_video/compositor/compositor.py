@@ -206,10 +206,11 @@ class Compositor:
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.pixels.picture import AvPicture, copied
+        from nlens_video.video.pixels.pixel_formats import unpacked
 
         if type(frame).__name__ != "VideoFrame":
             raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
-        picture = AvPicture(copied(frame))
+        picture = AvPicture(copied(unpacked(frame)))
         self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
         return reformatted(picture.frame, frame)
 

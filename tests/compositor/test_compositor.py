@@ -9,6 +9,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import av
+import cv2
 import numpy as np
 import pytest
 from support import shots
@@ -179,6 +180,17 @@ def test_av_frames_that_need_a_conversion_keep_their_colour_tags(lens):
     )  # fmt: skip
     assert (result.color_range, result.colorspace) == (1, 1)
     assert (result.color_trc, result.color_primaries) == (13, 1)
+
+
+def test_av_frames_whose_rows_lie_from_the_bottom_up_are_composited_upright(lens, tmp_path):
+    light = (shots.plate() / 255.0).astype(np.float32)
+    assert cv2.imwrite(str(tmp_path / "in.pfm"), light[..., ::-1])
+    with av.open(str(tmp_path / "in.pfm")) as file:
+        frame = next(file.decode(video=0))
+    assert frame.planes[0].line_size < 0
+    changed = (lens.process_av(frame).to_ndarray() != light).any(axis=2)
+    expected = (lens.process(bgr(), time=0.0) != bgr()).any(axis=2)
+    assert np.count_nonzero(changed & expected) > 0.8 * np.count_nonzero(expected)
 
 
 def test_av_frames_of_a_read_only_format_are_refused(lens):
