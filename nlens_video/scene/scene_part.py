@@ -16,7 +16,7 @@ from nlens_video.core.objects import Playback
 from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import check_range
-from nlens_video.scene.gltf.meshes import TriangleMesh
+from nlens_video.scene.gltf.meshes import WITHOUT_NORMALS, TriangleMesh
 from nlens_video.scene.gltf.nodes import Hierarchy, Skin
 from nlens_video.scene.illumination import Light, PosedLight, pose_light
 from nlens_video.scene.object_motion import ObjectMotion
@@ -252,8 +252,10 @@ def read_instances(
         mesh = meshes[number]
         vertices += sum(len(geometry.positions) for geometry in mesh.geometries)
         if vertices > MAX_VERTICES:
+            flat = any(geometry.flat for mesh in meshes for geometry in mesh.geometries)
             raise SceneError(
-                f"more than {MAX_VERTICES} vertices after instancing; simplify the scene"
+                f"more than {MAX_VERTICES} vertices in all its nodes; simplify the scene"
+                f"{f', or {WITHOUT_NORMALS}' if flat else ''}"
             )
         weights = node.numbers("weights") or mesh.weights
         for geometry in mesh.geometries:

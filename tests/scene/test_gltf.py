@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from support.glb_builder import QUAD, GlbBuilder
 
 from nlens_video.core.errors import SceneError
-from nlens_video.scene import Scene
+from nlens_video.scene import Scene, scene_part
+from nlens_video.scene.gltf import document
 
 
 def load(builder, tmp_path):
@@ -264,6 +265,31 @@ def test_vertex_index_out_of_range_is_refused(tmp_path):
         load(builder, tmp_path)
 
 
+def large_mesh_without_normals():
+    builder = GlbBuilder()
+    places = np.random.default_rng(0).random((2000, 3), np.float32)
+    targets = [{"POSITION": places} for _ in range(8)]
+    builder.node(mesh=builder.mesh(places, np.arange(1998), targets=targets))
+    return builder
+
+
+def test_memory_may_grow_with_the_files_bytes_before_any_of_them_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(document, "_FREE_BYTES", 0)
+    (mesh,) = load(large_mesh_without_normals(), tmp_path).pose(0.0).meshes
+    assert len(mesh.positions) == 1998
+
+
+def test_mesh_that_is_too_large_without_normals_is_refused_with_that_reason(tmp_path, monkeypatch):
+    monkeypatch.setattr(document, "_FREE_BYTES", 0)
+    monkeypatch.setattr(document, "_GROWTH", 1)
+    with pytest.raises(SceneError, match=r"primitives\[0\] would grow .* export normals too"):
+        load(large_mesh_without_normals(), tmp_path)
+    monkeypatch.setattr(document, "_GROWTH", 16)
+    monkeypatch.setattr(scene_part, "MAX_VERTICES", 1900)
+    with pytest.raises(SceneError, match=r"more than 1900 vertices .* or export normals too"):
+        load(large_mesh_without_normals(), tmp_path)
+
+
 def test_mesh_with_too_many_instances_is_refused_before_posing(tmp_path):
     builder = GlbBuilder()
     positions = np.tile(QUAD, (5_000, 1))
@@ -271,7 +297,7 @@ def test_mesh_with_too_many_instances_is_refused_before_posing(tmp_path):
     for _ in range(1001):
         builder.node(mesh=mesh)
     builder.document["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
-    with pytest.raises(SceneError, match="vertices after instancing"):
+    with pytest.raises(SceneError, match="vertices in all its nodes"):
         load(builder, tmp_path)
 
 

@@ -157,7 +157,7 @@ def test_number_of_mesh_instances_is_limited(tmp_path, monkeypatch):
     mesh = builder.mesh(NORMAL=NORMALS)
     for _ in range(1001):
         builder.node(mesh=mesh)
-    refused(builder.bytes(), tmp_path, "more than 4000 vertices after instancing")
+    refused(builder.bytes(), tmp_path, "more than 4000 vertices in all its nodes")
 
 
 def test_picture_size_is_checked_before_decoding(tmp_path, tight):

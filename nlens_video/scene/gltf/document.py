@@ -79,12 +79,13 @@ class Document:
             self._buffers[index] = self._load_buffer(index)
         return self._buffers[index]
 
-    def spend(self, size: int, place: str) -> None:
+    def spend(self, size: int, place: str, remedy: str = "") -> None:
         """Count memory that is about to be taken for a part of the file.
 
         Args:
             size: of the arrays [byte].
             place: the part, for the message.
+            remedy: what the user can do, for the message.
 
         Raises:
             SceneError: the file would take far more than its own bytes justify.
@@ -95,6 +96,7 @@ class Document:
             raise SceneError(
                 f"{place} would grow {held} bytes of data to {self._spent} in memory "
                 f"(more than {_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded"
+                f"{f'; {remedy}' if remedy else ''}"
             )
 
     def spend_texture(self, width: int, height: int, place: str) -> None:

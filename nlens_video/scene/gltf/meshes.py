@@ -17,6 +17,8 @@ from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.nodes import mesh_scales
 
 Int32 = npt.NDArray[np.int32]
+WITHOUT_NORMALS = "export normals too, for without them each corner of a triangle is a vertex"
+"""Remedy where a mesh without normals is too large."""
 _MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
@@ -153,8 +155,8 @@ class _PrimitiveReader:
         compressed = item.extension(DRACO)
         if compressed is not None:
             self.draco.provide(item, compressed)
+        positions = self._floats(attributes, "POSITION", 3)  # before: what is read counts
         self._spend(item, attributes)
-        positions = self._floats(attributes, "POSITION", 3)
         check_range(positions, f"a position of {attributes.place}")
         count = len(positions)
         faces = self._faces(item, mode, count)
@@ -188,7 +190,8 @@ class _PrimitiveReader:
             corners = self.accessors.length(self._index(item, "indices"))
         split = 0 if "NORMAL" in attributes else corners  # a vertex for each corner
         each = 64 + 24 * len(item.children("targets")) + 8 * len(attributes.data)
-        self.document.spend((count + split) * each + 16 * corners, item.place)
+        remedy = WITHOUT_NORMALS if split else ""
+        self.document.spend((count + split) * each + 16 * corners, item.place, remedy)
 
     def _index(self, owner: Fields, key: str) -> int:
         return owner.integer(key, below=self.accessors.count)

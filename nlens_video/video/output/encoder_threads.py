@@ -10,6 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import av
+from av.codec.codec import Capabilities
+
 _TASKS = Path("/proc/self/task")
 _STEPS = 10  # of niceness
 _LEAST_URGENT = 19
@@ -65,3 +68,17 @@ def open_in_background(open_encoder: Callable[[], None]) -> None:
     # a thread of its own, for only root can make one more urgent again
     with ThreadPoolExecutor(1, "open-encoder") as beside:
         beside.submit(open_it).result()
+
+
+def thread_type(encoder: str, *, live: bool) -> str:
+    """FFmpeg's threads of an encoder.
+
+    With frame threads an encoder holds back as many frames as it has threads, and raw frames gain
+    nothing by them.
+
+    Args:
+        encoder: FFmpeg's name of it.
+        live: whether the source is a stream, whose frames are not to wait.
+    """
+    holds_back = av.Codec(encoder, "w").capabilities & Capabilities.frame_threads
+    return "SLICE" if holds_back and (live or encoder == "rawvideo") else "AUTO"

@@ -29,7 +29,11 @@ from nlens_video.video.output.carried_streams import (
     set_tags,
 )
 from nlens_video.video.output.containers import holds_aspect, holds_video, read_tags
-from nlens_video.video.output.encoder_threads import open_in_background, ordinary_priority
+from nlens_video.video.output.encoder_threads import (
+    open_in_background,
+    ordinary_priority,
+    thread_type,
+)
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
 from nlens_video.video.output.trials import plays
@@ -273,7 +277,7 @@ class VideoSink(Sink):
         self._clock = encoder_clock(encoding.codec, self._container.format.name, info)
         stream.time_base = context.time_base = self._clock.time_base
         context.flags |= Flags.frame_duration
-        context.thread_type = "AUTO"
+        context.thread_type = thread_type(encoding.codec, live=info.kind == "stream")
         if info.sample_aspect_ratio:
             context.sample_aspect_ratio = info.sample_aspect_ratio
         if info.rotation:
