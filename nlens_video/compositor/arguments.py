@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
@@ -170,21 +170,25 @@ def _wrong_type(name: str, expected: str, value: object) -> UsageError:
     return UsageError(f"{name} takes {expected}, not {type(value).__name__}")
 
 
-def as_time(time: float | None) -> float | None:
-    """The time of a frame in the animation [s].
+def as_moment(time: object, number: object) -> tuple[float | None, int | None]:
+    """The time of a frame in the animation [s], and its position in the plate [1], where given.
 
     Raises:
-        UsageError: it is not a finite number.
+        UsageError: the time is not a finite number, or the position no whole one from 0 on.
     """
-    if time is None:
-        return None
-    try:
-        time_s = float(time)
-    except (TypeError, ValueError):
-        time_s = math.nan
-    if not math.isfinite(time_s):
-        raise UsageError(f"{time = } is not a time; give seconds, or leave it out")
-    return time_s
+    time_s = index = None
+    if time is not None:
+        try:
+            time_s = float(time)  # type: ignore[arg-type]  # anything, until it is checked
+        except (TypeError, ValueError):
+            time_s = math.nan
+        if not math.isfinite(time_s):
+            raise UsageError(f"{time = } is not a time; give seconds, or leave it out")
+    if number is not None:
+        index = int(number) if isinstance(number, Integral) else -1
+        if index < 0:
+            raise UsageError(f"{number = } is not a position; give 0, 1, 2, ..., or leave it out")
+    return time_s, index
 
 
 def _read(name: str, option: Option, value: object) -> object:

@@ -14,10 +14,10 @@ from nlens_video.compositor.arguments import (
     as_args,
     as_fit,
     as_lens,
+    as_moment,
     as_objects,
     as_path,
     as_positive,
-    as_time,
     in_python,
     naming_parameters,
 )
@@ -229,8 +229,8 @@ class Compositor:
         Raises:
             NlensError: as `process`.
         """
-        time_s = as_time(time)
-        self._call(lambda: self._loop.composite(picture, time_s, number, pixel_aspect))
+        time_s, index = as_moment(time, number)
+        self._call(lambda: self._loop.composite(picture, time_s, index, pixel_aspect))
 
     def stream(self, frames: Iterable[Frames]) -> Iterator[Frames]:
         """Composite frames as they come, PyAV's too, one at a time."""

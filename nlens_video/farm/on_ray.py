@@ -278,6 +278,8 @@ def _connected(cluster: Cluster, folder: str | None) -> Iterator[int]:
             f"--address {cluster.address or 'local'}: no Ray cluster answers "
             f"({str(error).splitlines()[0]}); start one with ray start --head, or leave it out"
         ) from error
+    except SystemExit as ended:  # Ray's own handler of SIGTERM
+        raise KeyboardInterrupt from ended
     try:
         restore_handlers(handlers)
         # Ray leaves this function without types

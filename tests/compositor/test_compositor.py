@@ -418,6 +418,12 @@ def test_time_that_is_not_a_finite_number_is_refused(lens, time):
         lens.process(bgr(), time=time)
 
 
+@pytest.mark.parametrize("number", [1.5, "a", -1])
+def test_position_that_is_no_whole_number_is_refused(lens, number):
+    with pytest.raises(UsageError, match="is not a position"):
+        lens.process(bgr(), number=number)
+
+
 def test_assigning_none_as_fit_is_refused_and_keeps_the_fit(lens):
     with pytest.raises(UsageError, match="NoneType"):
         lens.fit = None

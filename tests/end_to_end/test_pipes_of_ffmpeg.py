@@ -1,8 +1,14 @@
 """The `ffmpeg` program on both sides of a pipe."""
 
+import os
+import select
+import subprocess
+import time
+
 import numpy as np
 import pytest
 from support import shots
+from support.command import process
 from support.live_shot import (
     FRAMES,
     QUICK,
@@ -163,3 +169,37 @@ def test_interrupt_is_handled_while_a_reader_stalls(folder):
     told = (folder / "told").read_text()
     assert told == "nlens-video: interrupted; the stream to standard output ends here\n"
     assert (folder / "code").read_text() == "130\n"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("codec", ["rawvideo", "ffvhuff"])
+def test_each_frame_of_a_stream_comes_out_before_the_next_one_goes_in(codec, tmp_path):
+    shots.cube_glb(tmp_path / "anim.glb")
+    shots.fit_json(tmp_path / "fit.json")
+    frame = np.random.default_rng(0).bytes(shots.WIDTH * shots.HEIGHT * 3 // 2)
+    given = "--input-format", "rawvideo", "--input-rate", "25", "--input-size", SIZE
+    run = process(
+        "-", tmp_path / "anim.glb", "-", "--fit", tmp_path / "fit.json", "--preset", "draft",
+        "--codec", codec, "-q", *given, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    )  # fmt: skip
+    with run:
+        for number in range(6):
+            run.stdin.write(frame)
+            run.stdin.flush()
+            if not read_more(run.stdout, len(frame) // 2, 60):
+                run.kill()
+                pytest.fail(f"frame {number} is held back")
+        run.stdin.close()
+        run.stdout.read()
+    assert run.returncode == 0
+
+
+def read_more(pipe, least, seconds):
+    """Read that many bytes or more of a pipe; False if they have not come after some seconds."""
+    got, end = 0, time.monotonic() + seconds
+    while got < least:
+        ready, _, _ = select.select([pipe], [], [], max(0.0, end - time.monotonic()))
+        if not ready:
+            return False
+        got += len(os.read(pipe.fileno(), 1 << 20))
+    return True

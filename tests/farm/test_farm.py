@@ -105,6 +105,33 @@ def test_termination_signal_is_handled_during_and_after_a_ray_session():
     assert (ran.returncode, ran.stdout) == (0, "True True\n"), ran.stderr
 
 
+TERMINATED_AT_START = """
+import os, signal, sys, threading
+from nlens_video.core import signals
+from nlens_video.farm.on_ray import Cluster, _connected
+from nlens_video.farm.ray_folder import ray_folder
+
+signal.signal(signal.SIGTERM, signals.handler)
+threading.Timer(float(sys.argv[1]), os.kill, (os.getpid(), signal.SIGTERM)).start()
+try:
+    with ray_folder(local=True) as folder, _connected(Cluster(workers=1), folder):
+        threading.Event().wait(20)
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [0.05, 0.4, 0.8])
+def test_termination_signal_interrupts_while_ray_starts(after_s):
+    """Ray has a handler of its own meanwhile, which would end the program without a word."""
+    ran = subprocess.run(
+        [sys.executable, "-c", TERMINATED_AT_START, str(after_s)],
+        capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    assert (ran.returncode, ran.stdout) == (0, "interrupted\n"), ran.stderr
+
+
 @pytest.mark.slow
 @pytest.mark.needs_gl
 def test_job_renders_only_missing_chunks(shot, whole, monkeypatch):
