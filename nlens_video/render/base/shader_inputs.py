@@ -113,8 +113,8 @@ def _parted(
     for number, posed in enumerate(lights):
         share = shares.get(number, 1.0)
         places[number] = len(found)
-        parts = (share, 1.0 - share) if share < 1.0 else (1.0,)
-        found += [replace(posed, light=posed.light.scaled(part)) for part in parts]
+        parts = (share, 1.0 - share) if share < 1.0 else ()
+        found += [replace(posed, light=posed.light.scaled(part)) for part in parts] or [posed]
     return tuple(found), replace(depth, lights=tuple(places[number] for number in depth.lights))
 
 
