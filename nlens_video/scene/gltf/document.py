@@ -85,7 +85,7 @@ class Document:
         Args:
             size: of the arrays [byte].
             place: the part, for the message.
-            remedy: what the user can do, for the message.
+            remedy: what the user can do, with the sign before it.
 
         Raises:
             SceneError: the file would take far more than its own bytes justify.
@@ -94,9 +94,8 @@ class Document:
         held = sum(map(len, self._buffers.values()))
         if self._spent > _FREE_BYTES + _GROWTH * held:
             raise SceneError(
-                f"{place} would grow {held} bytes of data to {self._spent} in memory "
-                f"(more than {_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded"
-                f"{f'; {remedy}' if remedy else ''}"
+                f"{place} would grow {held} bytes of data to {self._spent} in memory (more than "
+                f"{_FREE_BYTES >> 20} MiB beyond {_GROWTH} times); not loaded{remedy}"
             )
 
     def spend_texture(self, width: int, height: int, place: str) -> None:

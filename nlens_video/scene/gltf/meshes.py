@@ -18,7 +18,6 @@ from nlens_video.scene.gltf.nodes import mesh_scales
 
 Int32 = npt.NDArray[np.int32]
 WITHOUT_NORMALS = "export normals too, for without them each corner of a triangle is a vertex"
-"""Remedy where a mesh without normals is too large."""
 _MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
@@ -185,12 +184,11 @@ class _PrimitiveReader:
     def _spend(self, item: Fields, attributes: Fields) -> None:
         """Count what the primitive will take: many can share the same few accessors."""
         count = self.accessors.length(self._index(attributes, "POSITION"))
-        corners = count
-        if "indices" in item:
-            corners = self.accessors.length(self._index(item, "indices"))
+        indexed = "indices" in item
+        corners = self.accessors.length(self._index(item, "indices")) if indexed else count
         split = 0 if "NORMAL" in attributes else corners  # a vertex for each corner
         each = 64 + 24 * len(item.children("targets")) + 8 * len(attributes.data)
-        remedy = WITHOUT_NORMALS if split else ""
+        remedy = f"; {WITHOUT_NORMALS}" if split else ""
         self.document.spend((count + split) * each + 16 * corners, item.place, remedy)
 
     def _index(self, owner: Fields, key: str) -> int:
