@@ -156,6 +156,18 @@ def test_distorting_an_object_out_of_view_gives_an_empty_layer():
     assert distort(far, DistortionMap.of(BARREL, CAMERA)).box.empty
 
 
+@pytest.mark.parametrize("model", [BARREL, Distortion(k1=0.15, k2=0.02)])
+def test_distorting_a_shadow_and_an_image_out_of_view_gives_empty_ones(model):
+    bend = DistortionMap.of(model, CAMERA)
+    far = Box(-1420, -420, -1380, -380)
+    values = np.ones((*far.shape, 4), np.float32)
+    shadow = Shadow(box=far, loss=values[..., :3], coc_px=values[..., 0])
+    assert distort_shadow(shadow, bend).box.empty
+    sharp = ObjectLayer(box=far, rgba=values, depth=values[..., 0])
+    image = distort_defocused(DefocusedLayer(layer=sharp, coc_px=values[..., 0]), bend)
+    assert image.layer.box.empty
+
+
 def test_shadow_and_reflection_are_distorted_with_the_object():
     bend = DistortionMap.of(BARREL, CAMERA)
     layer = disc((400.0, 220.0))

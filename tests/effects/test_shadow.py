@@ -319,6 +319,9 @@ def test_shadow_whose_blur_ends_beside_the_frame_leaves_the_plate(coc_px, step, 
             coc_px=np.full(size, coc_px, np.float32), step=step,
         )  # fmt: skip
         assert np.array_equal(darkened(plate, shadow, round_lens=round_lens), plate)
+    nothing = np.zeros((0, 0, 3), np.float32)
+    shadow = Shadow(box=Box(0, 0, 0, 0), loss=nothing, coc_px=nothing[..., 0], step=step)
+    assert np.array_equal(darkened(plate, shadow, round_lens=round_lens), plate)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])

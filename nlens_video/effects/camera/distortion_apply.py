@@ -205,6 +205,8 @@ def _warped(
     how: int,
     border: int = cv2.BORDER_CONSTANT,
 ) -> Float32:
+    if not places[0].size:  # beside the frame: OpenCV refuses it
+        return np.zeros((*places[0].shape, *values.shape[2:]), np.float32)
     return np.asarray(cv2.remap(values, *places, how, borderMode=border))
 
 

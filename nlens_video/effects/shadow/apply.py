@@ -225,7 +225,7 @@ class ApplyShadow:
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredShadow:
         """The shadow as the lens shows it."""
-        found = self._blurred(shadow, frame)
+        found = BlurredLayer.nothing() if shadow.box.empty else self._blurred(shadow, frame)
         return BlurredShadow(box=found.box, loss=found.rgba)
 
     def _blurred(self, shadow: Shadow, frame: Box) -> BlurredLayer:
