@@ -276,7 +276,7 @@ def test_maps_are_drawn_of_the_strongest_lamps_outside_of_the_object(tmp_path):
     def suns(*levels):
         return [Lamp(sun(np.full(3, level), slanted(0.1 * n))) for n, level in enumerate(levels)]
 
-    three = LightDepth.of(posed, suns(0.75, 4.0, 0.5, 3.0), 128, Opacities())
+    three = LightDepth.of(posed, suns(0.92, 4.0, 0.8, 3.0), 128, Opacities())
     assert three.lights == (1, 3, 0)
     assert three.shares == pytest.approx((1.0, 1.0, 0.5))
     five = LightDepth.of(posed, suns(1.0, 1.1, 1.2, 1.3, 1.4), 128, Opacities())
@@ -292,7 +292,7 @@ def test_maps_are_drawn_of_the_strongest_lamps_outside_of_the_object(tmp_path):
 def test_the_shadow_of_a_lamp_comes_evenly_as_it_grows_beside_a_stronger_one(tmp_path, renderer):
     scene, px = slab_below_a_card(tmp_path), SIDE / 2.4
     blocked = []
-    levels = np.append(np.arange(0.115, 0.27, 0.01), [0.125, 0.25])
+    levels = np.append(np.arange(0.205, 0.26, 0.005), [0.21, 0.25])
     for level in levels:
         key, weak = (
             Lamp(sun(np.full(3, light), slanted(tangent)), math.radians(0.5))
@@ -308,7 +308,7 @@ def test_the_shadow_of_a_lamp_comes_evenly_as_it_grows_beside_a_stronger_one(tmp
     shares = np.array(shares) / beyond
     assert shares[0] == 0.0
     assert np.diff(shares).min() > -5e-3
-    assert np.diff(shares).max() < 0.13  # of smooth steps over an eighth of the strongest's light
+    assert np.diff(shares).max() < 0.2  # of smooth steps over 0.04 of the strongest's light
 
 
 def test_maps_become_finer_as_the_camera_comes_near(tmp_path):

@@ -13,7 +13,7 @@ from nlens_video.scene.illumination import Lamp, on_ball
 MOST = 4
 """Lamps that have a map: the strongest ones."""
 _NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
-_FAINT, _PLAIN = 0.125, 0.25  # of the strongest lamp: up to here no map, from here for all of it
+_FAINT, _PLAIN = 0.21, 0.25  # of the strongest lamp: up to here no map, from here for all of it
 
 
 def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64) -> dict[int, float]:
