@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from support import shots
-from support.command import nlens
+from support.command import nlens, one_line
 from support.glb_builder import GlbBuilder
 
 
@@ -138,3 +138,14 @@ def test_plan_of_chunks_and_of_an_address_says_nothing_of_what_is_lost(words, tm
         assert run.returncode == 0, run.stderr
         assert lost(run.stdout, "note: ") == []
     assert not list(tmp_path.iterdir())
+
+
+def test_one_picture_of_many_frames_is_refused_by_the_plan_as_by_the_run(words):
+    plate, glb, out, *more = words
+    of_run = [word for word in more if word not in ("--plan", "-v")]
+    said = {
+        one_line(nlens(plate, glb, out.with_suffix(".png"), *of_run, *plan), 6)
+        for plan in ([], ["--plan"])
+    }
+    (line,) = said
+    assert "out.png: is one picture, the plate is a video; give --frame N" in line

@@ -55,11 +55,7 @@ def open_sink(
         if _is_animated(spec, info, one_frame=one_frame):
             return VideoSink(spec, info, codec=codec, crf=crf, pix_fmt=pix_fmt)
         if path.suffix.lower() in EXTENSIONS:
-            if not (info.kind == "still" or one_frame or ImageSequence.matches(spec)):
-                raise OutputError(
-                    f"{spec}: is one picture, the plate is a {info.kind}; give --frame N, a video "
-                    "or a sequence such as out_%04d.png"
-                )
+            _check_one_picture(spec, info, one_frame=one_frame)
             _check_pictures(spec, codec, crf, pix_fmt)
             return StillSink(spec, info, pix_fmt=pix_fmt, keep_partial=keep_partial)
     return VideoSink(
@@ -84,7 +80,8 @@ def notes_on_encoding(
         one_frame: as `open_sink`.
 
     Raises:
-        OutputError: nothing writes that extension, or its container holds no such pictures.
+        OutputError: nothing writes that extension, its container holds no such pictures, or it is
+            one picture and the source is not.
         UsageError: as `open_sink`.
     """
     if spec != "-" and is_stream(spec):
@@ -93,6 +90,7 @@ def notes_on_encoding(
     if spec == "-":
         codec = codec or container.video_codec
     elif suffix in EXTENSIONS and not _is_animated(spec, info, one_frame=one_frame):
+        _check_one_picture(spec, info, one_frame=one_frame)
         return () if suffix == ".exr" else picture_encoding(info, suffix, pix_fmt).reasons
     else:
         container = muxer(spec)
@@ -101,6 +99,15 @@ def notes_on_encoding(
         info, partial(holds_video, name), name, default=container.video_codec,
         codec=codec, crf=crf, pix_fmt=pix_fmt,
     ).reasons  # fmt: skip
+
+
+def _check_one_picture(spec: str, info: SourceInfo, *, one_frame: bool) -> None:
+    """Refuse one picture as the result of many frames."""
+    if not (info.kind == "still" or one_frame or ImageSequence.matches(spec)):
+        raise OutputError(
+            f"{spec}: is one picture, the plate is a {info.kind}; give --frame N, a video "
+            "or a sequence such as out_%04d.png"
+        )
 
 
 def _is_animated(spec: str, info: SourceInfo, *, one_frame: bool) -> bool:
