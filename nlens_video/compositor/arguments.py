@@ -170,7 +170,7 @@ def _wrong_type(name: str, expected: str, value: object) -> UsageError:
     return UsageError(f"{name} takes {expected}, not {type(value).__name__}")
 
 
-def as_moment(time: object, number: object) -> tuple[float | None, int | None]:
+def as_moment(time: float | None, number: int | None) -> tuple[float | None, int | None]:
     """The time of a frame in the animation [s], and its position in the plate [1], where given.
 
     Raises:
@@ -179,7 +179,7 @@ def as_moment(time: object, number: object) -> tuple[float | None, int | None]:
     time_s = index = None
     if time is not None:
         try:
-            time_s = float(time)  # type: ignore[arg-type]  # anything, until it is checked
+            time_s = float(time)
         except (TypeError, ValueError):
             time_s = math.nan
         if not math.isfinite(time_s):

@@ -188,6 +188,17 @@ def test_only_the_lights_that_are_carried_along_move(tmp_path):
     assert moved_on.position[0] == pytest.approx(0.75)
 
 
+def test_lights_of_a_file_whose_object_alone_moves_are_posed_once(tmp_path):
+    builder = GlbBuilder()
+    builder.light("point")
+    builder.animation(
+        (builder.node(mesh=builder.mesh()), "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR")
+    )
+    scene = load(builder, tmp_path)
+    (first,), (later,) = (scene.pose(moment).lights for moment in (0.25, 0.75))
+    assert first is later
+
+
 def test_lights_of_a_file_that_moves_as_a_whole_move_with_it(tmp_path):
     builder = GlbBuilder()
     builder.node(mesh=builder.mesh())

@@ -57,6 +57,7 @@ struct Components {
     explicit Components(int width)
         : values(3 * static_cast<std::size_t>(width)),
           rows{values.data(), values.data() + width, values.data() + 2 * width} {}
+    Components(const Components&) = delete;  // its rows are its own values
 };
 
 // `display` is a table from light to codes, or empty.

@@ -85,7 +85,7 @@ class Document:
         Args:
             size: of the arrays [byte].
             place: the part, for the message.
-            remedy: what the user can do, with the sign before it.
+            remedy: what the user can do, from the semicolon on; empty: nothing.
 
         Raises:
             SceneError: the file would take far more than its own bytes justify.
