@@ -1,18 +1,14 @@
-"""Parallel loops over threads that release the interpreter's lock, and scratch arrays of each."""
+"""Parallel loops over threads that release the interpreter's lock."""
 
 from __future__ import annotations
 
-import math
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy as np
-import numpy.typing as npt
+from typing import TypeVar
 
 from nlens_video.kernels.control_groups import MOUNTED, processor_quota
 
@@ -160,28 +156,3 @@ def _forget() -> None:
 
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_forget)
-
-
-class _Scratch(threading.local):
-    """Buffers of one thread by name."""
-
-    def __init__(self) -> None:
-        self.buffers: dict[str, npt.NDArray[np.uint8]] = {}
-
-
-_scratch = _Scratch()
-
-
-def scratch(
-    name: str, shape: tuple[int, ...], dtype: npt.DTypeLike = np.float32
-) -> npt.NDArray[Any]:
-    """An array of any content, good until this thread asks for the same name again.
-
-    It is reused from frame to frame, for page faults cost more than filling, and kept as large as
-    the largest asked for.
-    """
-    size = math.prod(shape) * np.dtype(dtype).itemsize
-    buffer = _scratch.buffers.get(name)
-    if buffer is None or buffer.size < size:
-        _scratch.buffers[name] = buffer = np.empty(size, np.uint8)
-    return buffer[:size].view(dtype).reshape(shape)

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float64
-from nlens_video.kernels.thread_pool import scratch
+from nlens_video.kernels.scratch import scratch
 from nlens_video.native import kernels
 
 Int32 = npt.NDArray[np.int32]

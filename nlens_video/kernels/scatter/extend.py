@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
-from nlens_video.kernels.thread_pool import bands, parallel_for, run_all, scratch
+from nlens_video.kernels.scratch import scratch
+from nlens_video.kernels.thread_pool import bands, parallel_for, run_all
 from nlens_video.native import kernels
 
 Int32 = npt.NDArray[np.int32]

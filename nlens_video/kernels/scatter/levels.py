@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.extend import BAND_ROWS, SourceLayer
-from nlens_video.kernels.thread_pool import bands, parallel_for, run_all, scratch
+from nlens_video.kernels.scratch import scratch
+from nlens_video.kernels.thread_pool import bands, parallel_for, run_all
 from nlens_video.native import kernels
 
 _GATHERED_ROWS = 32  # at least, and a power of two: a band begins with a row of each level

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import fitted_radii
-from nlens_video.kernels.thread_pool import bands, parallel_for, scratch
+from nlens_video.kernels.scratch import scratch
+from nlens_video.kernels.thread_pool import bands, parallel_for
 from nlens_video.native import kernels
 
 LARGEST_COC_PX = 32.0

@@ -32,7 +32,8 @@ from nlens_video.kernels.scatter.normalize import (
     reached_columns,
     wanted_columns,
 )
-from nlens_video.kernels.thread_pool import bands, parallel_for, scratch
+from nlens_video.kernels.scratch import scratch
+from nlens_video.kernels.thread_pool import bands, parallel_for
 from nlens_video.native import kernels
 
 Spread = Callable[[list[Level], Box, Discs, Columns, float, int | None], Float32]

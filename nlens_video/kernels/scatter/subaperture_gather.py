@@ -15,7 +15,7 @@ import numpy as np
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import fitted_radius, round_coverage
 from nlens_video.kernels.scatter.extend import Int32
-from nlens_video.kernels.thread_pool import scratch
+from nlens_video.kernels.scratch import scratch
 from nlens_video.native import kernels
 
 LARGEST_RADIUS_PX = 8.0

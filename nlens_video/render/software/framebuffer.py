@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nlens_video.core.layers import Float32
-from nlens_video.kernels.thread_pool import scratch
+from nlens_video.kernels.scratch import scratch
 from nlens_video.render.base.drawer import ViewSetup
 from nlens_video.render.software import alpha, deferred, raster, triangles
 from nlens_video.render.software.scene_buffers import SceneBuffers
