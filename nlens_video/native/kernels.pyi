@@ -219,6 +219,7 @@ def light_points(rows: Float32, lights: _Lights, /) -> None: ...
 
 # light_depth.cpp
 LIGHT_DEPTH_CELL: int
+LIGHT_DEPTH_MAPS: int
 
 def draw_nearness(
     points: Float32,

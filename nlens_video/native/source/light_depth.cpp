@@ -341,6 +341,7 @@ float visible(const DepthMaps& maps, int number, Vector place, Vector facet, Vec
 
 void bind_light_depth(nanobind::module_& module) {
     module.attr("LIGHT_DEPTH_CELL") = kCell;
+    module.attr("LIGHT_DEPTH_MAPS") = kDepthMaps;
     module.def("draw_nearness", &draw_nearness, Unlocked());
     module.def("highest_in_cells", &highest_in_cells, Unlocked());
     module.def("visible_points", &visible_points, Unlocked());

@@ -8,16 +8,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlens_video.core.layers import Float64
+from nlens_video.native import kernels
 from nlens_video.scene.illumination import Lamp, on_ball
 
-MOST = 4
-"""Lamps that have a map: the strongest ones."""
 _NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
 _FAINT, _PLAIN = 0.21, 0.25  # of the strongest lamp: up to here no map, from here for all of it
 
 
 def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64) -> dict[int, float]:
-    """Numbers of the lamps that have a map, the strongest first.
+    """Numbers of the lamps that have a map, `kernels.LIGHT_DEPTH_MAPS` at most, strongest first.
 
     Args:
         lamps: at least one.
@@ -35,7 +34,8 @@ def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64) -> dict[int, float]:
         near = lamp.posed.light.kind != "directional"
         away = np.linalg.norm(position - np.clip(position, *bounds)) if near else math.inf
         strengths.append(on_ball(lamp, middle, radius) if away > _NEAREST * radius else 0.0)
-    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])[:MOST]
+    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])
+    order = order[: kernels.LIGHT_DEPTH_MAPS]
     shares = {number: _share(strengths[number], max(strengths)) for number in order}
     return {number: share for number, share in shares.items() if share > 0.0}
 
