@@ -9,7 +9,7 @@ shadow leaves, in each channel: that of all light but the sun's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float32, Float64, Picture
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import LUMINANCE
+from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp
 
 _COLUMNS = 480  # width to which a plate is reduced for it [px]
 _FARTHEST = 0.1  # ground that is looked at: disparity by that of the nearest in view [1]
@@ -42,6 +42,8 @@ _AGREE_EV = 0.2  # standard deviation of what patches of one sun say [EV]
 _SURE = 8.0  # evidence from which on it is used: a well cast patch has the root of its area [px]
 _AGREED = 0.5  # share of the evidence that agrees, at least [1]
 _LEFT = (0.02, 0.98)  # share that is left, whatever is measured [1]
+_STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
+_LEAST_STRONG = 0.6  # the same, below which they no longer tell how dark that one's shadow is
 
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.uint8]
@@ -245,3 +247,43 @@ def _ground_at(view: Camera, places: Float64, ground_y: float) -> Float64:
     rays = rays @ view.world_from_camera[:3, :3].T
     eye = view.world_from_camera[:3, 3]
     return np.asarray(eye[[0, 2]] + rays[:, [0, 2]] * ((ground_y - eye[1]) / rays[:, 1])[:, None])
+
+
+def strongest_distant(
+    lamps: tuple[Lamp, ...], least_share: float = _STRONGEST
+) -> tuple[Lamp, Float64, Float64] | None:
+    """The distant lamp that gives the ground nearly all of their light, its light, and all (3,).
+
+    Args:
+        lamps: all that shine.
+        least_share: of the light of the distant ones that it must give [1].
+    """
+    above = Illumination(tuple(one for one in lamps if one.posed.light.kind == "directional"), None)
+    given = [Illumination((one,), None).on_plane(np.zeros(3)) for one in above.lamps]
+    whole = np.asarray(sum(given, np.zeros(3)))
+    if float(whole @ LUMINANCE) <= 0.0:
+        return None
+    best = int(np.argmax([one @ LUMINANCE for one in given]))
+    strong = float(given[best] @ LUMINANCE) >= least_share * float(whole @ LUMINANCE)
+    return (above.lamps[best], given[best], whole) if strong else None
+
+
+def as_shaded(light: Illumination, left: Float64) -> Illumination:
+    """The light with so much around that the strongest lamp's shadow leaves a share of it.
+
+    Where another lamp becomes as strong, the light around goes back to what it was without a jump.
+
+    Args:
+        light: lamps and the light around.
+        left: share of the light in the strongest lamp's shadow (3,), below 1 [1].
+    """
+    found = strongest_distant(light.lamps, _LEAST_STRONG)
+    around = light.irradiance_around(np.array([0.0, 1.0, 0.0]))
+    if found is None or light.ambient is None or not (around > 0.0).all():
+        return light
+    _, strongest, whole = found
+    wanted = np.maximum(left / (1.0 - left) * strongest - (whole - strongest), 0.0)
+    share = float(strongest @ LUMINANCE) / float(whole @ LUMINANCE)
+    told = min((share - _LEAST_STRONG) / (_STRONGEST - _LEAST_STRONG), 1.0)
+    told *= told * (3.0 - 2.0 * told)
+    return replace(light, ambient=light.ambient * (told * (wanted / around) + (1.0 - told)))

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Float64, Picture
 from nlens_video.core.settings import SUN_STRENGTH, SunSettings
@@ -22,7 +20,7 @@ from nlens_video.scene.illumination import (
     sun,
 )
 from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
-from nlens_video.scene.plate_shadows import share_in_shadow
+from nlens_video.scene.plate_shadows import as_shaded, share_in_shadow, strongest_distant
 from nlens_video.scene.plate_sun import PlateSun, toward_sun
 
 _SUN_DIAMETER = math.radians(0.53)
@@ -30,7 +28,6 @@ _SEEN_DIAMETER = math.radians(12.0)  # of a sun read off the plate: as it is kno
 _ON_OBJECT = 0.35  # exponent of what its shadow leaves, for its share on the object: level unsure
 _OUTSHONE = 8.0  # light of the file's lamps by the plate's from which they have another exposure
 _EXPOSED = 0.65  # what they are given then: on surfaces that face them, by the plate's ground [1]
-_STRONGEST = 0.7  # of the light of distant lamps: with as much the shadow is that of one of them
 _SAME = 0.9999  # cosine of an angle between directions that are one
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
@@ -164,14 +161,14 @@ class SceneLight:
             camera: of the frame.
             lights: the file's, at that moment.
         """
-        found = _strongest(light.lamps)
+        found = strongest_distant(light.lamps)
         if found is None:
             return None
         if self.environment is not None:
             return found[0]
         toward = None if self.sun is None else toward_sun(self.sun, camera)
         if toward is None:
-            own = _strongest(self.lamps(lights) if self.count else ())
+            own = strongest_distant(self.lamps(lights) if self.count else ())
             toward = None if own is None else -own[0].posed.direction
         same = toward is not None and float(-found[0].posed.direction @ toward) > _SAME
         return found[0] if same else None
@@ -198,7 +195,7 @@ class SceneLight:
             return toward_sun(self.sun, camera) if self.sun.shines else None
         own = self.lamps(lights) if self.count else ()
         around = () if self.environment is None else self.environment.lamps
-        strongest = _strongest((*own, *around))
+        strongest = strongest_distant((*own, *around))
         return None if strongest is None else -strongest[0].posed.direction
 
     def on_object(
@@ -237,31 +234,8 @@ class SceneLight:
         light = self.on_object(lights, plate_light)
         told = self.count > 0 or plate_light is not None or self.environment is not None
         if plate_light is not None and plate_light.shadow_left is not None:
-            return _as_shaded(light, plate_light.shadow_left)
+            return as_shaded(light, plate_light.shadow_left)
         return light if told else replace(light, lamps=())
-
-
-def _strongest(lamps: tuple[Lamp, ...]) -> tuple[Lamp, Float64, Float64] | None:
-    """The distant lamp that gives the ground nearly all of their light, its light, and all (3,)."""
-    above = Illumination(tuple(one for one in lamps if one.posed.light.kind == "directional"), None)
-    given = [Illumination((one,), None).on_plane(np.zeros(3)) for one in above.lamps]
-    whole = np.asarray(sum(given, np.zeros(3)))
-    if float(whole @ LUMINANCE) <= 0.0:
-        return None
-    best = int(np.argmax([one @ LUMINANCE for one in given]))
-    strong = float(given[best] @ LUMINANCE) >= _STRONGEST * float(whole @ LUMINANCE)
-    return (above.lamps[best], given[best], whole) if strong else None
-
-
-def _as_shaded(light: Illumination, left: Float64) -> Illumination:
-    """The light with so much around that the strongest lamp's shadow leaves that share (3,)."""
-    found = _strongest(light.lamps)
-    around = light.irradiance_around(np.array([0.0, 1.0, 0.0]))
-    if found is None or light.ambient is None or not (around > 0.0).all():
-        return light
-    _, strongest, whole = found
-    wanted = np.maximum(left / (1.0 - left) * strongest - (whole - strongest), 0.0)
-    return replace(light, ambient=light.ambient * (wanted / around))
 
 
 def _with_seen_sun(light: Illumination, seen: PlateSun, camera: Camera, seat: Seat) -> Illumination:
@@ -272,7 +246,7 @@ def _with_seen_sun(light: Illumination, seen: PlateSun, camera: Camera, seat: Se
     """
     cast = _with_sun(light, seen.settings, camera, seat, seen.left, _SEEN_DIAMETER)
     lamp = replace(cast.lamps[0], turns=-seen.turns)  # azimuths count clockwise from above
-    cast = _as_shaded(replace(cast, lamps=(lamp, *cast.lamps[1:])), seen.left)
+    cast = as_shaded(replace(cast, lamps=(lamp, *cast.lamps[1:])), seen.left)
     if seen.sure:
         left = seen.left**_ON_OBJECT
         light = _with_sun(light, seen.settings, camera, seat, left, _SEEN_DIAMETER)

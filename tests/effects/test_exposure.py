@@ -87,6 +87,45 @@ def test_black_or_clipped_picture_gives_no_gains(light):
     assert set(run([shot(light), shot(scene()), shot(light)])) == {(1.0, 1.0, 1.0)}
 
 
+@pytest.mark.parametrize(
+    "tint", [(1, 0.02, 0.03), (0.02, 0.02, 1), (1, 0.5, 0.03)], ids=["red", "blue", "amber"]
+)
+def test_coloured_light_is_followed(tint):
+    light = scene() * np.float32(tint)
+    gains = run([shot(light * np.float32(gain)) for gain in (1.0, 0.7, 0.5, 0.35, 0.25)])
+    assert np.array(gains)[:, np.argmax(tint)] == pytest.approx([1, 0.7, 0.5, 0.35, 0.25], rel=0.02)
+    assert np.array(gains)[-1] == pytest.approx(np.full(3, 0.25), rel=0.15)
+
+
+def test_light_on_a_part_of_a_dark_stage_is_followed():
+    light = scene()
+    light[:, SIZE[1] // 6 :] = 0.0
+    gains = run([shot(light * np.float32(gain)) for gain in (1.0, 0.5, 0.25)])
+    assert np.array(gains)[:, 1] == pytest.approx([1.0, 0.5, 0.25], rel=0.02)
+
+
+def test_night_is_followed_and_its_flicker_is_no_fade():
+    levels = 0.03 * np.array([1.0, 1.06, 0.95, 1.3, 1.0, 0.5])
+    gains = run([shot(scene() * np.float32(level)) for level in levels])
+    # the first frame that is not brighter than the one before it is the reference
+    assert np.array(gains)[2:, 1] == pytest.approx(levels[2:] / levels[1], rel=0.03)
+
+
+def test_black_frames_are_black_and_the_light_after_them_is_as_before():
+    bright, black = shot(scene()), shot(np.zeros((*SIZE, 3)))
+    fade = [shot(scene() * np.float32(gain)) for gain in (0.5, 0.1, 0.02)]
+    gains = np.array(run([bright, *fade, black, black, fade[1], bright]))[:, 1]
+    assert gains[:4] == pytest.approx([1.0, 0.5, 0.1, 0.02], rel=0.05)
+    assert max(gains[4:6]) < 1e-3
+    assert gains[6:] == pytest.approx([0.1, 1.0], rel=0.05)
+
+
+def test_another_view_after_black_keeps_the_objects_light_to_the_plates():
+    black = shot(np.zeros((*SIZE, 3)))
+    gains = run([shot(scene()), black, black, *[shot(scene(9)[::-1] * np.float32(0.6))] * 3])
+    assert gains[3] == gains[4] == gains[5] == pytest.approx(3 * [0.6], rel=0.2)
+
+
 def test_gains_change_gradually():
     stops = np.linspace(0, 0.12, 40)
     gains = [run([shot(scene()), shot(scene() * np.float32(2**s))])[1][1] for s in stops]

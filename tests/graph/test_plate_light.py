@@ -106,6 +106,27 @@ def test_how_dark_the_plates_own_shadows_are_is_told_once_where_it_is_used(conte
     assert "leaves 42 % of the light" in note
 
 
+def test_light_is_found_with_the_camera_of_the_frame_that_tells_it(tmp_path):
+    builder = GlbBuilder()
+    builder.node(mesh=builder.mesh(shots.CUBE, shots.CUBE_FACES), translation=[0, 0, -1.6])
+    matrix = shots.camera_pose()
+    turned = builder.node(camera=builder.camera(shots.YFOV), translation=matrix[:3, 3].tolist())
+    half_turn = [[0, 0, 0, 1], [0, 1, 0, 0]]
+    builder.animation((turned, "rotation", [0.0, 1.0], half_turn, "STEP"))
+    ramp = np.linspace(40, 220, shots.WIDTH)[:, None].repeat(3, 1).astype(np.uint8)
+    bright_right = ArrayPicture(ramp[None].repeat(shots.HEIGHT, 0), "rgb")
+    black = ArrayPicture(np.zeros((shots.HEIGHT, shots.WIDTH, 3), np.uint8), "rgb")
+    with context_of(builder.write(tmp_path / "turning.glb")) as context:
+        found = []
+        for time_s in (0.0, 1.0):
+            told = SourceFrame(index=round(25 * time_s), time_s=time_s, picture=bright_right)
+            node = EstimateLight(replace(context, first_telling=lambda told=told: told))
+            light = node(black)
+            right, left = np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
+            found.append(light.irradiance_around(right)[1] - light.irradiance_around(left)[1])
+    assert found[0] > 0.05 and found[1] < -0.05
+
+
 def exposure_of(path, places, times=(0.0, 1.0)):
     """Factor on a lamp of 5000 cd that moves between places, over a plate of two seconds."""
     builder = GlbBuilder()

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nlens_video.effects import exposure
+from nlens_video.effects import light_change
 
 
 @settings(max_examples=200)
@@ -22,7 +22,7 @@ def test_median_of_the_change_agrees_with_numpy(seed, count, among):
         "huge": lambda: rng.choice([-1e38, 1e38, 1.0], count),
     }[among]().astype(np.float32)
     now, found = np.repeat(values[None, :, None], 3, axis=2), np.empty(3)
-    assert exposure.take_change(np.zeros_like(now), now, 0.0, np.inf, found)
+    assert light_change.take_change(np.zeros_like(now), now, 0.0, np.inf, found)
     assert (found == np.sort(values)[count // 2]).all()
 
 
@@ -38,7 +38,7 @@ def pictures(seed, noise, lost):
 
 def stops_of(light):
     out = np.empty_like(light)
-    exposure.take_stops(light, out)
+    light_change.take_stops(light, out)
     return out
 
 
@@ -50,8 +50,8 @@ def stops_of(light):
 def test_exposure_change_kernel_agrees_with_the_reference(seed, noise, lost):
     before, now = (stops_of(light) for light in pictures(seed, noise, lost))
     found = np.empty(3)
-    told = exposure.take_change(before, now, 0.25, 0.2, found)
-    expected = exposure.change_reference(before, now, 0.25, 0.2)
+    told = light_change.take_change(before, now, 0.25, 0.2, found)
+    expected = light_change.change_reference(before, now, 0.25, 0.2)
     assert told == (expected is not None)
     if expected is not None:
         np.testing.assert_array_equal(found, expected)
@@ -60,7 +60,7 @@ def test_exposure_change_kernel_agrees_with_the_reference(seed, noise, lost):
 def test_stops_kernel_agrees_with_the_reference():
     before, now = pictures(3, 0.5, 0.2)
     for light in (before, now):
-        np.testing.assert_allclose(stops_of(light), exposure.stops_reference(light), atol=1e-6)
+        np.testing.assert_allclose(stops_of(light), light_change.stops_reference(light), atol=1e-6)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, -1.0])

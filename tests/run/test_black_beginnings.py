@@ -1,4 +1,4 @@
-"""Shots that begin with a black or a white picture, as recordings and fades do."""
+"""Shots that begin or end with a black or a white picture, or dim, as recordings and fades do."""
 
 import json
 
@@ -22,6 +22,13 @@ def beginning(kind):
         gains[0], lift[0] = 0.0, 1.0
     elif kind == "fade":
         gains[:6] = np.arange(6) / 6
+    elif kind == "dim":
+        gains[:6] = np.linspace(0.4, 1.0, 6)
+    elif kind == "flicker":
+        gains = 0.94 ** (np.arange(FRAMES) % 2.0)
+        gains[0] = 0.0
+    elif kind == "out":
+        gains[-5:] = (0.7, 0.4, 0.1, 0.0, 0.0)
     return gains, lift
 
 
@@ -29,7 +36,7 @@ def beginning(kind):
 def folder(tmp_path_factory):
     folder = shots.write_shot(tmp_path_factory.mktemp("shot"), 1, still=False, sun=True)
     plate = shots.plate() / 255.0
-    for kind in ("ordinary", "black", "white", "fade"):
+    for kind in ("ordinary", "black", "white", "fade", "dim", "flicker", "out"):
         pictures = [plate * gain + more for gain, more in zip(*beginning(kind), strict=True)]
         size = (shots.WIDTH, shots.HEIGHT)
         takes.encode(folder / f"{kind}.mp4", pictures, size=size, crf=8, audio=False)
@@ -57,7 +64,7 @@ def object_of(usual, plate):
     return there
 
 
-@pytest.mark.parametrize("kind", ["black", "white", "fade"])
+@pytest.mark.parametrize("kind", ["black", "white", "fade", "dim"])
 def test_object_is_lit_by_the_first_frame_that_tells_the_light(folder, kind):
     usual, _ = composited(folder, "ordinary")
     found, told = composited(folder, kind)
@@ -66,10 +73,11 @@ def test_object_is_lit_by_the_first_frame_that_tells_the_light(folder, kind):
     assert "far brighter than the plate's" not in told
 
 
-def test_object_fades_in_with_the_plate(folder):
+@pytest.mark.parametrize("kind", ["fade", "dim", "out"])
+def test_object_fades_with_the_plate(folder, kind):
     usual, _ = composited(folder, "ordinary")
-    found, _ = composited(folder, "fade")
-    gains, _ = beginning("fade")
+    found, _ = composited(folder, kind)
+    gains, _ = beginning(kind)
     for number, plate in enumerate(luma(folder / "ordinary.mp4")):
         there = object_of(usual[number], plate)
         wanted = 16.0 + gains[number] * (usual[number] - 16.0)
@@ -98,10 +106,41 @@ def test_lights_of_the_file_are_as_bright_on_every_frame_of_a_night(folder):
         assert np.abs(other.astype(int) - first)[there].mean() < 1.0
 
 
-def faded(folder, plates):
-    with Compositor(
-        folder / "anim.glb", preset="realtime", fps=25, fit=folder / "fit.json"
-    ) as lens:
+def test_object_flickers_with_the_plate_after_a_black_frame(folder):
+    usual, _ = composited(folder, "ordinary")
+    found, _ = composited(folder, "flicker")
+    there = object_of(usual[-1], luma(folder / "ordinary.mp4")[-1])
+    light = [one[there].mean() - 16.0 for one in found]
+    assert light[0] < 1.0
+    gains, _ = beginning("flicker")
+    wanted = light[-1] / gains[-1] * gains
+    assert np.abs(light - wanted).max() < 3.0
+
+
+def test_object_does_not_jump_where_the_lamps_of_a_night_flicker(folder):
+    night = np.clip(shots.plate() // 12, 1, None) / 255.0
+    flicker = np.random.default_rng(5).uniform(0.85, 1.15, 12)
+    plate, out, glb = folder / "night.mp4", folder / "night.mkv", folder / "dim.glb"
+    shots.cube_glb(glb, sun_lx=0.4)  # so little that it stays as bright as it is
+    size = (shots.WIDTH, shots.HEIGHT)
+    takes.encode(plate, [night * one for one in flicker], size=size, crf=4, audio=False)
+    run = nlens(
+        plate, glb, out, "--preset", "realtime", "--effects", "defocus,exposure",
+        "--fit", folder / "fit.json", "--codec", "ffv1", "-y",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    codes = [np.uint8(np.rint(255.0 * night * one)) for one in flicker]
+    streamed = faded(folder, codes, glb)
+    for found, first in ((luma(out), luma(plate)[0]), (streamed, codes[0])):
+        there = np.abs(found[0] - first.astype(float)) > 3.0
+        assert there.sum() > 500
+        light = [one[there].mean() for one in found]
+        assert min(light) > 0.8 * max(light)
+
+
+def faded(folder, plates, glb=None):
+    glb = glb or folder / "anim.glb"
+    with Compositor(glb, preset="realtime", fps=25, fit=folder / "fit.json") as lens:
         return [lens.process(plate) for plate in plates]
 
 

@@ -173,6 +173,19 @@ def test_three_distant_lights_are_nearly_all_light():
     assert 0.0 < beside(key, *fills) < 0.3 * beside(key)
 
 
+def test_shadow_of_the_strongest_sun_changes_without_a_jump_as_another_takes_its_place():
+    rest = Illumination(
+        (), hemispheres(np.full(3, 0.5), np.full(3, 0.3)), shadow_left=np.full(3, 0.45)
+    )
+    lost = []
+    for strength in np.linspace(4.0, 0.2, 200):
+        lamps = (sun(np.full(3, 1.0), np.array([0.6, -0.8, 0.0])), sun(np.full(3, strength), DOWN))
+        light = SceneLight(2).on_ground(lamps, rest)
+        lost.append(strength / light.on_plane(np.zeros(3))[0])
+    assert lost[:10] == pytest.approx(10 * [0.55], abs=1e-6)
+    assert np.abs(np.diff(lost)).max() < 0.02
+
+
 def test_map_is_brought_to_the_level_of_the_plate_unless_its_exposure_is_given():
     environment = reduce_environment(np.full((16, 32, 3), 40.0, np.float32))
     assert around(plate(), environment=environment).level == pytest.approx(around(plate()).level)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from nlens_video.effects.exposure import Beginning
+from nlens_video.effects.beginning import Beginning
 from nlens_video.effects.foreground.background import BackgroundSurvey
 from nlens_video.effects.foreground.reference_view import StaticView
 from nlens_video.video.info import SourceFrame

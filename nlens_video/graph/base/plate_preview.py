@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, field
 
 from nlens_video.core.layers import Picture
+from nlens_video.effects.beginning import Beginning
 from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
-from nlens_video.effects.exposure import Beginning
 from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
 from nlens_video.effects.measurement import (
     MOST_PICTURES,
@@ -17,6 +17,7 @@ from nlens_video.effects.measurement import (
     shutter_angle,
 )
 from nlens_video.graph.base.context import ReadAgain
+from nlens_video.video.info import SourceFrame
 
 _LONGEST_S = 10.0  # of a black or white beginning, or a fade, that is read over [s]
 
@@ -47,23 +48,25 @@ class PlatePreview:
     _measured: dict[str, Measurement] = field(default_factory=dict)
     _shutter: tuple[float | None] | None = None
     _aperture: tuple[ApertureReading | None] | None = None
-    _later: tuple[Picture, ...] | None = None
+    _later: tuple[SourceFrame, ...] | None = None
 
-    def first_telling(self) -> Picture | None:
-        """The first picture that tells the light of a shot whose first one does not.
+    def first_telling(self) -> SourceFrame | None:
+        """The first frame that tells the light of a shot whose first one does not.
 
-        None where the shot can be read only once, or where it comes later than after ten seconds.
+        That one is black, white, or part of a fade. None where it tells the light, where the shot
+        can be read only once, and where the light comes later than after ten seconds, or never.
+        Call it before the run's frames are read.
         """
         if self._later is None:
-            self._later = () if self.from_start is None else _later(self.from_start)
+            waits = self.from_start is not None and _is_beginning(self.pictures())
+            self._later = _later(self.from_start) if self.from_start and waits else ()
         return self._later[0] if self._later else None
 
     def _telling(self) -> Sequence[Picture]:
         """The first pictures, or those from `first_telling` on where these tell nothing."""
-        first = self.pictures()
-        if first and not Beginning().ends(first[0]) and self.first_telling() is not None:
-            return self._later or first
-        return first
+        if self.first_telling() is not None and self._later:
+            return [frame.picture for frame in self._later]
+        return self.pictures()
 
     def measured(self, effects: Set[str]) -> dict[str, Measurement]:
         """Effects of the camera as these pictures show them, each measured once."""
@@ -91,15 +94,22 @@ class PlatePreview:
         return self._aperture[0]
 
 
-def _later(from_start: ReadAgain) -> tuple[Picture, ...]:
-    """Pictures from the first one on that tells the light; none where it comes too late."""
+def _is_beginning(pictures: Sequence[Picture]) -> bool:
+    """Whether a shot's first picture does not tell its light: it is black, white or fades."""
     beginning = Beginning()
-    found: list[Picture] = []
-    for frame in from_start():
+    tells = [beginning.ends(picture) for picture in pictures[:2]]
+    return not all(tells)
+
+
+def _later(from_start: ReadAgain) -> tuple[SourceFrame, ...]:
+    """Frames from the first one on that tells the light; none where it comes too late."""
+    beginning = Beginning()
+    found: list[SourceFrame] = []
+    for number, frame in enumerate(from_start()):
         if not found and frame.time_s > _LONGEST_S:
             break
-        if found or beginning.ends(frame.picture):
-            found.append(frame.picture)
+        if found or (beginning.ends(frame.picture) and number > 0):
+            found.append(frame)
         if len(found) == MOST_PICTURES:
             break
     return tuple(found)

@@ -22,7 +22,8 @@ class MeasureExposure(Node):
     effect, stateful = EXPOSURE, True
 
     def __init__(self, context: NodeContext) -> None:
-        self._measure = Measure(context.first_telling)
+        told = context.first_telling()
+        self._measure = Measure(None if told is None else told.picture)
         self.description = "median ratio of small pictures, per channel"
 
     def __call__(self, picture: Picture) -> Exposure | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from nlens_video.effects.exposure import Beginning
+from nlens_video.effects.beginning import Beginning
 from nlens_video.graph.base.node import Node, Unavailable
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, USUAL_LEVEL, Seat, level_of_ground
 
@@ -40,21 +40,23 @@ class EstimateLight(Node):
         self._without_sun: Illumination | None = None
         self._sun: PlateSun | None = None
         self._beginning, self._settled, self._dimmed = Beginning(), False, False
+        self._told = context.first_telling()
         self.description = "the first frame on a sphere around the object, continued beyond it"
 
     def __call__(self, picture: Picture) -> Illumination:
+        time_s = 0.0
         if not self._settled:
             self._settled = self._beginning.ends(picture)
-            if not self._settled and (told := self._context.first_telling()) is not None:
-                picture, self._settled = told, True
-            if self._settled or self._dimmed or not self._beginning.steady:
+            if self._told is not None:
+                picture, time_s, self._settled = self._told.picture, self._told.time_s, True
+            if self._settled or self._dimmed or not self._beginning.rests:
                 self._light = self._without_sun = None
         if self._light is None:
-            posed = self._scene.pose(0.0)
+            posed = self._scene.pose(time_s)
             seat = Seat.of(posed.bounds(), self._context.ground_height)
             rows = max(1, round(PLATE_COLUMNS * picture.height / picture.width))
             plate = picture.downsample(PLATE_COLUMNS, rows)
-            camera, light = self._context.objects.camera(0.0), self._scene.light
+            camera, light = self._context.objects.camera(time_s), self._scene.light
             if self._without_sun is None:
                 self._without_sun = light.around_without_sun(
                     plate, camera, seat, posed.lights, self._strongest()

@@ -99,7 +99,7 @@ class LightDepth:
         bounds = bounds_of(points).astype(np.float64)
         if not np.isfinite(bounds).all() or not np.ptp(bounds, axis=0).any():
             return None
-        lights = mapped_lamps(lamps, bounds)
+        lights = mapped_lamps(lamps, bounds, kernels.LIGHT_DEPTH_MAPS)
         if not lights:
             return None
         matrices = np.stack([_matrix(lamps[number], bounds) for number in lights])

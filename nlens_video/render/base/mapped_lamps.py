@@ -8,19 +8,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from nlens_video.core.layers import Float64
-from nlens_video.native import kernels
 from nlens_video.scene.illumination import Lamp, on_ball
 
 _NEAREST = 0.05  # to the object's bounds, of lamps that have a map [its radius]
 _FAINT, _PLAIN = 0.21, 0.25  # of the strongest lamp: up to here no map, from here for all of it
 
 
-def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64) -> dict[int, float]:
-    """Numbers of the lamps that have a map, `kernels.LIGHT_DEPTH_MAPS` at most, strongest first.
+def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64, most: int) -> dict[int, float]:
+    """Numbers of the lamps that have a map, the strongest first.
 
     Args:
         lamps: at least one.
         bounds: of the object (2, 3) [scene unit].
+        most: maps that there may be.
 
     Returns:
         The share of the lamp's light that its map may take, more than 0 and at most 1. It grows
@@ -34,8 +34,7 @@ def mapped_lamps(lamps: Sequence[Lamp], bounds: Float64) -> dict[int, float]:
         near = lamp.posed.light.kind != "directional"
         away = np.linalg.norm(position - np.clip(position, *bounds)) if near else math.inf
         strengths.append(on_ball(lamp, middle, radius) if away > _NEAREST * radius else 0.0)
-    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])
-    order = order[: kernels.LIGHT_DEPTH_MAPS]
+    order = sorted(range(len(lamps)), key=lambda number: -strengths[number])[:most]
     shares = {number: _share(strengths[number], max(strengths)) for number in order}
     return {number: share for number, share in shares.items() if share > 0.0}
 

@@ -36,7 +36,7 @@ from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
-from nlens_video.effects import exposure
+from nlens_video.effects import light_change
 from nlens_video.effects.camera.grain import (
     regrain,
     regrain_reference,
@@ -113,7 +113,7 @@ COMPARED = {  # modules that call compiled loops, by path within the package
     "light that things lose": "effects/shadow/seen_lights",
     "light sent to the ground": "effects/shadow/bounce",
     "decoding": "video/pixels/blend",
-    "change of exposure": "effects/exposure",
+    "change of exposure": "effects/light_change",
     "compositing": "video/pixels/blend",
     "grain on a layer": "effects/camera/grain",
     "grain of a darkened plate": "effects/camera/grain_restore",
@@ -412,11 +412,11 @@ def _exposure(rng):
     light[1] = light[0] * rng.uniform(1.1, 1.3, (24, 40, 3)).astype(np.float32)
     stops = np.empty_like(light)
     for picture, out in zip(light, stops, strict=True):
-        exposure.take_stops(picture, out)
+        light_change.take_stops(picture, out)
     found = np.empty(3)
-    exposure.take_change(stops[0], stops[1], 0.25, 0.2, found)
-    before, now = (exposure.stops_reference(picture.astype(np.float64)) for picture in light)
-    return np.abs(found - exposure.change_reference(before, now, 0.25, 0.2)).max()
+    light_change.take_change(stops[0], stops[1], 0.25, 0.2, found)
+    before, now = (light_change.stops_reference(picture.astype(np.float64)) for picture in light)
+    return np.abs(found - light_change.change_reference(before, now, 0.25, 0.2)).max()
 
 
 @cache
