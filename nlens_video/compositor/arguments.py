@@ -28,6 +28,7 @@ from nlens_video.options import table
 from nlens_video.options.option import Option
 from nlens_video.options.readers import word
 from nlens_video.options.to_settings import lens_overrides, object_settings
+from nlens_video.stages.r_lens_track import FitTrack, read_fit
 
 PARAMETERS = {
     option.flags[0].lstrip("-").replace("-", "_"): option for option in table.PARAMETERS.values()
@@ -152,8 +153,8 @@ def as_lens(
     )  # fmt: skip
 
 
-def as_fit(fit: object) -> LensFit:
-    """A lens fit as it is, or read from the path of a saved one.
+def as_fit(fit: object) -> LensFit | FitTrack:
+    """A lens fit as it is, or read from the path of a saved one, with its track where it has one.
 
     Raises:
         UsageError: it is neither.
@@ -162,7 +163,7 @@ def as_fit(fit: object) -> LensFit:
     if isinstance(fit, LensFit):
         return fit
     if isinstance(fit, str | Path):
-        return LensFit.load(Path(fit))
+        return read_fit(Path(fit))
     raise _wrong_type("fit", "a LensFit or the path of a saved one", fit)
 
 

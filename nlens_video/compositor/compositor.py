@@ -56,7 +56,7 @@ class Compositor:
         fps: frames per second, for frames that come without a time [1/s].
         pixel_aspect: width of a pixel by its height, for frames that do not tell it [1].
         effects: `auto`, `all`, `none`, names, or `auto,+shadow,-grain`.
-        fit: the lens, when it is known beforehand; a fit or the path of a saved one.
+        fit: the lens, when it is known: a fit or a saved one's path; its track goes by `number`.
         fallback: `constant` lets a constant CoC stand in for a fit that fails.
         budget_ms: what a frame may cost [ms].
         track_focus: `auto` follows a lens that changes, `off` keeps the first fit.
@@ -223,7 +223,7 @@ class Compositor:
         Args:
             picture: the frame.
             time: of the frame in the animation [s]; default: its number / fps.
-            number: position in its stream, for grain and mattes [1]; default: frames so far.
+            number: position in its stream, for grain, mattes, tracks [1]; default: frames so far.
             pixel_aspect: width of a pixel by its height [1]; default: the compositor's.
 
         Raises:
@@ -240,7 +240,7 @@ class Compositor:
 
     @property
     def fit(self) -> LensFit | None:
-        """The lens, once found or given."""
+        """The lens of the last frame, once found or given."""
         return self._loop.fit
 
     @fit.setter

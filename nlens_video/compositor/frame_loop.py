@@ -21,6 +21,7 @@ from nlens_video.graph.base.view import View
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.nodes.warm_up import WarmUp
 from nlens_video.graph.session import Session, open_session
+from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceFrame
 from nlens_video.video.pixels.memory_picture import MemoryPicture
 
@@ -55,14 +56,19 @@ class FrameLoop:
     _size: tuple[int, int] | None = None
     _first_s: float | None = None
     _count: int = 0
+    _index: int = 0
     _stack: ExitStack = field(default_factory=ExitStack)
 
     @property
     def fit(self) -> LensFit | None:
-        """The lens, once found or given."""
-        if self._session is None or self._session.executor.fit is None:
-            return self.lens.fit
-        return self._session.executor.fit
+        """The lens of the last frame, once found or given."""
+        known = self._known
+        return known.at(self._index) if isinstance(known, FitTrack) else known
+
+    @property
+    def _known(self) -> LensFit | FitTrack | None:
+        session = self._session
+        return self.lens.fit if session is None else session.executor.track or session.executor.fit
 
     @property
     def seeks_lens(self) -> bool:
@@ -80,7 +86,7 @@ class FrameLoop:
 
         return tuple(describe(self._session))
 
-    def pin_fit(self, fit: LensFit) -> None:
+    def pin_fit(self, fit: LensFit | FitTrack) -> None:
         """Use another lens from the next frame on."""
         self.lens = replace(self.lens, fit=fit)
         if self._session is not None and self._size is not None:
@@ -88,7 +94,7 @@ class FrameLoop:
 
     def swap(self, objects: ObjectSettings) -> None:
         """Composite another object from the next frame on, through the same lens."""
-        self.lens = replace(self.lens, fit=self.fit)
+        self.lens = replace(self.lens, fit=self._known)
         self._stack.close()
         self.objects, self._session = objects, None
 
@@ -114,7 +120,7 @@ class FrameLoop:
                 it was given [1].
         """
         session = self._open(picture, pixel_aspect or self.pixel_aspect)
-        index = self._count if number is None else number
+        self._index = index = self._count if number is None else number
         time_s = index / self.fps if time is None else time
         frame = SourceFrame(index=index, time_s=time_s, picture=picture)
         state = session.executor.begin_frame(frame)

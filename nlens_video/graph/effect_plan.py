@@ -51,7 +51,7 @@ class LensRequest:
     Attributes:
         preset: shipped pipeline's name or path of a pipeline file.
         effects: `auto`, `none`, or names separated by commas.
-        fit: the lens, when it is known beforehand.
+        fit: the lens, when it is known beforehand; or how it changes along a file.
         fallback: what stands in for a fit that fails.
         device: where networks and kernels run.
         aperture: shape of its aperture, None for the one that the plate shows.
@@ -61,7 +61,6 @@ class LensRequest:
         optics: known vignetting and distortion.
         known: what is known of the lens beforehand.
         tagged: what the recording states of it.
-        track: the lens over the length of a file, where that is given, in the pixels of its frames.
         fit_region: part of the frame whose ground tells the lens, None for all of it.
         live: whether a lens that changes is followed as frames come.
         hold_budget: whether quality adapts to keep the frame budget.
@@ -69,7 +68,7 @@ class LensRequest:
 
     preset: str = "standard"
     effects: str = "auto"
-    fit: LensFit | None = None
+    fit: LensFit | FitTrack | None = None
     fallback: Fallback = "none"
     device: Device = "auto"
     aperture: Aperture | None = None
@@ -79,7 +78,6 @@ class LensRequest:
     optics: LensOverrides = LensOverrides()
     known: KnownLens = UNKNOWN_LENS
     tagged: KnownLens = UNKNOWN_LENS
-    track: FitTrack | None = None
     fit_region: Region | None = None
     live: bool = False
     hold_budget: bool = False

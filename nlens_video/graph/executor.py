@@ -133,10 +133,8 @@ class GraphExecutor:
         zoom: CameraZoom | None = None,
     ) -> None:
         self.graph, self.profiler = graph, profiler
-        self.fit = fit.at(0) if isinstance(fit, FitTrack) else fit
         self.shot = ShotValues()
-        self.track = fit if isinstance(fit, FitTrack) else None
-        self._begins = True
+        self._take(fit)
         self._live, self._zoom = live, zoom
         self._frame_box = Box(0, 0, 0, 0)
         self._last: dict[Node, tuple[list[object], object]] = {}
@@ -152,12 +150,17 @@ class GraphExecutor:
             *(note for node in self.graph.nodes for note in node.notes),
         )
 
-    def pin_fit(self, fit: LensFit) -> None:
+    def pin_fit(self, fit: LensFit | FitTrack) -> None:
         """Use this lens, in pixels of this stream, from now on and ignore its changes."""
-        self.track = self._live = None
-        self.fit = fit
+        self._live = None
+        self._take(fit)
         if self._zoom is not None:
             self._zoom.fitted_s = None
+
+    def _take(self, fit: LensFit | FitTrack | None) -> None:
+        self.track = fit if isinstance(fit, FitTrack) else None
+        self.fit = fit.at(0) if isinstance(fit, FitTrack) else fit
+        self._begins = True
 
     def begin_frame(self, frame: SourceFrame, following: tuple[Picture, ...] = ()) -> FrameState:
         """Start a frame: its given ports; `following` are the pictures after it, if known."""

@@ -185,7 +185,7 @@ def open_session(
     told = passes()
     context = replace(context, other_samples=told.others)
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
-    known = told.track or lens.track or fit
+    known = told.track or fit
     frame_s = lens.frame_s or 1 / 30
     built: Built = {}
     graph = build(pipeline, effects.decisions, context, fit_given=known is not None, built=built)

@@ -20,7 +20,7 @@ from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, o
 from nlens_video.run.open_run import open_run
 from nlens_video.run.plate_source import no_such_frames
 from nlens_video.run.pooled_samples import samples_of_other_frames
-from nlens_video.video.atomic_files import check_folder, remove_stale, replacing
+from nlens_video.video.atomic_files import check_folder, remove_stale
 
 FIT_SEARCH_FRAMES = 240
 """Frames within which `fit` expects the object to come into view."""
@@ -61,8 +61,7 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
     track = lens_track_pass(settings)
     if track is not None:
         first = settings.source.frames[0]
-        with replacing(settings.save_fit) as partial:
-            partial.write_text(track.to_json(first))
+        save_fit(track, settings.save_fit, first)
         notes = (track.describe(), *notes_on_given_focus(settings, track))
         return FitOutcome(fit=track.at(first), path=settings.save_fit, notes=notes)
     profiler = Profiler(settings.budget_ms)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import Settings
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.run.plate_source import frame_s
-from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_lens_track import read_fit
 from nlens_video.video.exposure_time import exposure_time_s
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.input.open import can_be_read_again
@@ -26,7 +25,7 @@ def lens_request(settings: Settings, info: SourceInfo) -> LensRequest:
     return LensRequest(
         preset=settings.preset,
         effects=settings.effects,
-        fit=LensFit.load(settings.fit) if settings.fit is not None else None,
+        fit=read_fit(settings.fit) if settings.fit is not None else None,
         fallback=settings.fallback,
         device=settings.device,
         aperture=settings.aperture,
@@ -36,14 +35,7 @@ def lens_request(settings: Settings, info: SourceInfo) -> LensRequest:
         optics=settings.optics,
         known=settings.known_lens,
         tagged=tagged_lens(info.camera_tags),
-        track=_given_track(settings, info),
         fit_region=settings.fit_region,
         hold_budget=settings.hold_budget,
         live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
     )
-
-
-def _given_track(settings: Settings, info: SourceInfo) -> FitTrack | None:
-    """The track in the file of `--fit`, None where that holds a single fit."""
-    given = None if settings.fit is None else FitTrack.load(settings.fit)
-    return None if given is None else given.for_width(info.width, info.height)

@@ -19,6 +19,7 @@ from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.graph.pipeline_file import FORMER_NAMES
 from nlens_video.graph.session import Session
+from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.atomic_files import check_folder, make_folder, remove_stale, replacing
 from nlens_video.video.exr import write_layers
 from nlens_video.video.info import SourceInfo
@@ -40,7 +41,7 @@ def observers(
     """
     found: list[Observer] = []
     if settings.save_fit is not None and output is not None:
-        found.append(SavedFit(settings.save_fit, session))
+        found.append(SavedFit(settings.save_fit, session, settings.source.frames[0]))
     if settings.timings is not None:
         found.append(TimingRows(settings.timings, settings, session))
     if settings.aov is not None:
@@ -54,30 +55,42 @@ def observers(
 
 
 class SavedFit(Observer):
-    """`--save-fit`: the lens fit, where there is one."""
+    """`--save-fit`: the lens fit, where there is one, or the track of a lens that was followed.
 
-    def __init__(self, path: Path, session: Session) -> None:
+    Args:
+        path: of the file.
+        session: its graph.
+        first: frame that the run begins with [1].
+    """
+
+    def __init__(self, path: Path, session: Session, first: int) -> None:
         super().__init__()
         check_folder(path)
         remove_stale(path)
         self.what = f"--save-fit {path}"
-        self._path = path
+        self._path, self._first = path, first
         self._executor = session.executor
 
     def finish(self, summary: Summary, notes: tuple[str, ...]) -> None:
         """Write it."""
-        if self._executor.fit is not None:
-            save_fit(self._executor.fit, self._path)
+        found = self._executor.track or self._executor.fit
+        if found is not None:
+            save_fit(found, self._path, self._first)
 
 
-def save_fit(fit: LensFit, path: Path) -> None:
+def save_fit(fit: LensFit | FitTrack, path: Path, first: int = 0) -> None:
     """Write a lens fit as JSON.
+
+    Args:
+        fit: the lens, or the track of one that changes.
+        path: of the file.
+        first: frame whose lens readers without tracks get [1].
 
     Raises:
         OutputError: it cannot be written.
     """
     with replacing(path) as partial:
-        partial.write_text(fit.to_json())
+        partial.write_text(fit.to_json(first) if isinstance(fit, FitTrack) else fit.to_json())
 
 
 class TimingRows(Observer):

@@ -8,7 +8,6 @@ import numpy as np
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import InputError, Note, SceneError, UsageError
-from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import ObjectSettings, OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.objects_on_ground import load_scene, stage
@@ -18,7 +17,7 @@ from nlens_video.run.checks.objects_in_view import is_in_view, notes_on_unseen
 from nlens_video.run.open_run import view_of
 from nlens_video.run.plate_source import no_such_frames
 from nlens_video.scene.scene import Scene
-from nlens_video.stages.r_lens_track import FitTrack
+from nlens_video.stages.r_lens_track import read_fit
 from nlens_video.video.atomic_files import check_folder, check_target_folder
 from nlens_video.video.chunk_file import ChunkWriter
 from nlens_video.video.chunk_queue import ChunkFeed
@@ -118,8 +117,8 @@ def check_settings(settings: Settings, *, as_chunks: bool = False) -> None:
             check_target_folder(folder)
     load_compositing_pipeline(settings.preset)
     EffectRequest.parse(settings.effects)
-    if settings.fit is not None and FitTrack.load(settings.fit) is None:
-        LensFit.load(settings.fit)
+    if settings.fit is not None:
+        read_fit(settings.fit)
 
 
 def check_shot(settings: Settings, info: SourceInfo) -> tuple[Scene, tuple[Note, ...]]:

@@ -21,6 +21,7 @@ _LEAST_ERROR = 1e-3  # of a fit [px]
 _SAME_SLOPE = 1.0  # mean square of what slopes differ by, in their errors: 0.1 to 0.5 in pulls
 _UNSEEN_PX = 0.25  # by which smoothing over time may change a CoC
 _MOST_FRAMES = 1 << 40  # limit of frame numbers in a file
+_ROUNDING = 1e-4  # by which values that are the same may differ in a file
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +94,10 @@ class FitTrack:
         """Read a `fit.json`; None where the file holds one lens only.
 
         Raises:
-            LensFitError: the file cannot be read, or its track makes no sense.
+            LensFitError: the file cannot be read, its track makes no sense, or tells another lens
+                than the file's first values, which readers without tracks take.
         """
-        LensFit.load(path)
+        alone = LensFit.load(path)
         track = json.loads(path.read_text(encoding="utf-8")).get("track")
         if track is None:
             return None
@@ -113,11 +115,18 @@ class FitTrack:
                 raise ValueError(f"a stretch of {stretch:g} frames, or numbers beyond any film")
             if list(cuts) != sorted(cuts):
                 raise ValueError("cuts that are not in order")
-            return cls(keys, stretch, cuts)
+            loaded = cls(keys, stretch, cuts)
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise LensFitError(
                 f"{path}: its track of a lens that changes makes no sense ({error}); fit again"
             ) from error
+        there = loaded.at(alone.frame)
+        if not any(_alike(alone, one) for one in (there, *fits)):
+            raise LensFitError(
+                f'{path}: {_values(alone)} are not those of its "track" ({_values(there)}), which '
+                'tells the lens of each frame; delete "track" for one lens on all, or fit again'
+            )
+        return loaded
 
     def describe(self) -> str:
         """A note for the user."""
@@ -134,6 +143,27 @@ class FitTrack:
             f"the lens changes: followed by {found} fits{shots}, in focus at {ends[0]} at first, "
             f"{ends[1]} at last"
         )
+
+
+def read_fit(path: Path) -> LensFit | FitTrack:
+    """Read a `fit.json`: the track where it has one, else its one lens.
+
+    Raises:
+        LensFitError: as `FitTrack.load`.
+    """
+    return FitTrack.load(path) or LensFit.load(path)
+
+
+def _values(fit: LensFit) -> str:
+    return f"slope {fit.slope:g} and intercept {fit.intercept:g} at {fit.width}x{fit.height}"
+
+
+def _alike(fit: LensFit, other: LensFit) -> bool:
+    """Whether two fits are one lens, but for what text and another machine round."""
+    return (fit.width, fit.height) == (other.width, other.height) and all(
+        math.isclose(value, there, rel_tol=_ROUNDING, abs_tol=_ROUNDING)
+        for value, there in ((fit.slope, other.slope), (fit.intercept, other.intercept))
+    )
 
 
 def _focus_depth(fit: LensFit) -> str:

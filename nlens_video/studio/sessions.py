@@ -128,7 +128,8 @@ def rebuilt(
 ) -> Session:
     """A session with new nodes, which know nothing of other places."""
     pipeline = load_pipeline(preset)
-    given = session.executor.fit if _fit_given(session) else None
+    known = session.executor.track or session.executor.fit
+    given = known if _fit_given(session) else None
     graph = build(pipeline, session.decisions, context, fit_given=given is not None, built=built)
     scene = context.objects.scene
     profiler = Profiler(session.executor.profiler.budget_ms)

@@ -23,6 +23,7 @@ from nlens_video.core.errors import (
 )
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import Aperture
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe
 
 pytestmark = pytest.mark.needs_gl
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
@@ -455,6 +456,55 @@ def test_fit_is_loaded_from_a_path(tmp_path, glb):
     with Compositor(glb, fit=shots.fit_json(tmp_path / "fit.json")) as compositor:
         compositor.process(bgr())
         assert compositor.fit == FIT
+
+
+@pytest.fixture
+def track(tmp_path):
+    """A lens that a run followed over 40 frames, and its file."""
+    keys = tuple(
+        Keyframe(at, 0, replace(FIT, intercept=shots.INTERCEPT * (1 + at / 40), frame=at))
+        for at in range(0, 41, 8)
+    )
+    path = tmp_path / "track.json"
+    path.write_text(FitTrack(keys, 3.0).to_json())
+    return FitTrack(keys, 3.0), path
+
+
+def test_lens_of_a_saved_track_follows_the_position_of_each_frame(track, glb):
+    followed, path = track
+    options = {"preset": "draft", "fps": 25}
+    with Compositor(glb, fit=path, **options) as lens:
+        assert lens.fit == followed.at(0)
+        for number in (0, 1, 2):
+            assert lens.process(bgr(), 0.0).any()
+            assert lens.fit == followed.at(number)
+        later = lens.process(bgr(), 0.0, number=30)
+        assert lens.fit == followed.at(30)
+        assert any("the lens changes" in line for line in lens.plan)
+    with Compositor(glb, fit=followed.at(30), **options) as constant:
+        np.testing.assert_array_equal(constant.process(bgr(), 0.0), later)
+
+
+def test_saved_track_is_that_of_frames_of_another_size(track, glb):
+    half = cv2.resize(bgr(), None, fx=0.5, fy=0.5)
+    with Compositor(glb, preset="draft", fit=track[1]) as lens:
+        lens.process(half, number=20)
+        assert lens.fit.intercept == pytest.approx(0.5 * track[0].at(20).intercept)
+
+
+def test_track_goes_on_after_the_object_is_swapped_and_ends_with_a_fit(track, glb):
+    followed, path = track
+    with Compositor(glb, preset="draft", fit=FIT) as lens:
+        lens.process(bgr())
+        lens.fit = path
+        lens.process(bgr(), number=16)
+        assert lens.fit == followed.at(16)
+        lens.swap(glb)
+        lens.process(bgr(), number=24)
+        assert lens.fit == followed.at(24)
+        lens.fit = FIT
+        lens.process(bgr(), number=32)
+        assert lens.fit == FIT
 
 
 def test_aperture_is_given_as_text_or_object_with_the_same_result(glb):

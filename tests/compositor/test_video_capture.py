@@ -1,6 +1,7 @@
 """OpenCV's capture with an object in its frames, beside OpenCV's own on the same real files."""
 
 import threading
+from dataclasses import replace
 from fractions import Fraction
 
 import av
@@ -24,6 +25,7 @@ import nlens_video
 from nlens_video import Compositor, VideoCapture
 from nlens_video.core.errors import NlensError, SceneError, UsageError
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe
 
 pytestmark = pytest.mark.needs_gl
 FIT = LensFit(slope=shots.SLOPE, intercept=shots.INTERCEPT, width=shots.WIDTH, height=shots.HEIGHT)
@@ -173,6 +175,22 @@ def test_mattes_follow_a_new_position_and_frames_that_are_only_grabbed(files, tm
             assert_alike(capture.read()[1], expected[number])
         assert capture.grab() and capture.grab()
         assert_alike(capture.read()[1], expected[5])
+
+
+def test_lens_of_a_saved_track_follows_a_new_position_and_frames_that_are_only_grabbed(
+    files, tmp_path
+):
+    keys = tuple(Keyframe(at, 0, replace(FIT, intercept=-12.0 - at)) for at in range(0, 13, 3))
+    track, path = FitTrack(keys, 2.0), tmp_path / "track.json"
+    path.write_text(track.to_json())
+    with VideoCapture(*files, preset="draft", fit=path) as capture:
+        for number in (0, 1, 5, 6):
+            if number == 5:
+                capture.set(cv2.CAP_PROP_POS_FRAMES, number)
+            assert capture.read()[0]
+            assert capture.compositor.fit.intercept == track.at(number).intercept
+        assert capture.grab() and capture.grab() and capture.read()[0]
+        assert capture.compositor.fit.intercept == track.at(9).intercept
 
 
 def test_result_is_written_into_a_fitting_array_only(capture):

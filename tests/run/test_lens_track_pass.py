@@ -303,6 +303,25 @@ def test_saved_focus_track_reproduces_the_tracking_run(pulled, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.needs_gl
+def test_run_saves_the_focus_track_that_it_followed_or_was_given(pulled, tmp_path):
+    plate, glb, _ = arguments(pulled)[:3]
+    found, kept = tmp_path / "found.json", tmp_path / "kept.json"
+    for name, more in (
+        ("a", ("--save-fit", str(found))),
+        ("b", ("--fit", str(found), "--save-fit", str(kept))),
+    ):
+        result = str(tmp_path / f"{name}_%04d.png")
+        words = [plate, glb, result, "--preset", "draft", "--input-rate", "25", "-q", *more]
+        assert main(words) == 0
+    assert FitTrack.load(found) is not None
+    assert found.read_text() == kept.read_text()
+    for index in (0, 20, 39):
+        pictures = (tmp_path / f"{name}_{index:04d}.png" for name in "ab")
+        assert len({picture.read_bytes() for picture in pictures}) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.needs_gl
 def test_reported_lens_of_a_followed_focus_is_that_of_the_first_frame_of_the_run(
     pulled, tmp_path, capsys
 ):
@@ -348,6 +367,27 @@ def test_fit_file_with_an_invalid_track_is_refused_in_one_line(tmp_path):
         kept.write_text(json.dumps({**json.loads(kept.read_text()), "track": track}))
         with pytest.raises(LensFitError, match="makes no sense"):
             FitTrack.load(kept)
+
+
+@pytest.mark.parametrize(
+    ("first", "edit"),
+    [(0, {"slope": 30.0}), (6, {"intercept": -4.0}), (0, {"width": 2 * shots.WIDTH})],
+)
+def test_fit_file_that_was_edited_beside_its_track_is_refused_in_one_line(tmp_path, first, edit):
+    keys = tuple(Keyframe(at, 0, fit(-10.0 - 0.1 * at, at)) for at in range(0, 30, 6))
+    kept = tmp_path / "fit.json"
+    kept.write_text(FitTrack(keys, 5.0).to_json(first))
+    assert FitTrack.load(kept).keys == keys
+    kept.write_text(json.dumps({**json.loads(kept.read_text()), **edit}))
+    with pytest.raises(LensFitError, match=r'are not those of its "track".*delete "track"'):
+        FitTrack.load(kept)
+
+
+def test_fit_file_of_a_shot_without_a_key_of_its_own_is_read(tmp_path):
+    keys = tuple(Keyframe(at, 1, fit(-10.0 - at, at)) for at in (20, 26, 32))
+    kept = tmp_path / "fit.json"
+    kept.write_text(FitTrack(keys, 5.0, cuts=(15,)).to_json())
+    assert FitTrack.load(kept).at(0) == keys[0].fit
 
 
 def test_live_lens_keeps_up_with_a_pull_between_its_fits():

@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import av
 import cv2
@@ -14,7 +15,9 @@ from support.studio import TABLES, write_shot
 
 from nlens_video.cli.solve_command import camera_and_lines
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import SourceSettings
+from nlens_video.stages.r_lens_track import FitTrack, Keyframe
 from nlens_video.studio.plate_frames import PlateFrames
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Stage
@@ -52,6 +55,25 @@ def test_picture_at_rest_is_the_one_that_a_run_renders(tmp_path, stage, preset, 
     rendered = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
     levels = np.round(255.0 * drawn.picture.srgb()).astype(np.uint8)
     np.testing.assert_array_equal(levels, rendered)
+
+
+def test_lens_of_a_saved_track_is_drawn_as_a_run_renders_it(tmp_path, stage):
+    shots.cube_glb(tmp_path / "bare.glb", camera=False, sun=False)
+    for index in range(3):
+        shots.write_png(tmp_path / f"in_{index}.png")
+    lens = LensFit.load(shots.fit_json(tmp_path / "fit.json"))
+    keys = (Keyframe(0, 0, lens), Keyframe(2, 0, replace(lens, intercept=2 * shots.INTERCEPT)))
+    (tmp_path / "fit.json").write_text(FitTrack(keys, 1.0).to_json())
+    tables = copy.deepcopy(TABLES) | {"plate": {"file": "in_%d.png"}, "light": {"sun": [60, 40, 2]}}
+    tables |= {"effects": {"effects": "defocus"}, "quality": {"preset": "realtime"}}
+    tables["output"] = {"file": "out.png"}
+    state = ShotState(tmp_path / "shot.toml", tables)
+    for index in (0, 2):  # the second one is drawn with what is kept of the first
+        drawn = stage.draw(state.settings(tables), index).picture.srgb()
+    state.save(tables)
+    assert nlens(state.path, "--frame", "2", "-q", "-y").returncode == 0
+    rendered = cv2.imread(str(tmp_path / "out.png"))[..., ::-1]
+    np.testing.assert_array_equal(np.round(255.0 * drawn).astype(np.uint8), rendered)
 
 
 def test_several_objects_with_keys_are_drawn_as_a_run_renders_them(tmp_path, stage):
