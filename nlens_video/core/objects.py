@@ -28,7 +28,8 @@ class Playback:
     Attributes:
         animation: name of the one that plays, else its number from 0, or `all`; of those that
             move the same thing, `all` plays the first.
-        loop: whether it starts again after its last key; else it rests there.
+        loop: whether it starts again after the last key of what moves meshes and lights; else it
+            rests there.
         speed: seconds of the animation per second of the plate, > 0 [1].
         offset_s: moment of the animation on the first frame [s].
     """

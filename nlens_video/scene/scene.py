@@ -29,6 +29,7 @@ from nlens_video.scene.scene_part import (
     Moment,
     Moved,
     ScenePart,
+    carriers,
     far_origin,
     read_instances,
 )
@@ -98,13 +99,14 @@ class Scene:
         animations = read_animations(document, accessors, hierarchy, morphs)
         animations.name_alternatives(document, playback.animation)
         cameras = read_cameras(document, hierarchy.visible)
+        lights = tuple((n, light) for n, light in read_lights(document) if n in hierarchy.drawn)
         part = ScenePart(
             path,
             playback,
             hierarchy,
-            animations.chosen(playback.animation),
+            animations.of_objects(carriers(hierarchy, instances, lights), playback.animation),
             instances,
-            tuple((n, light) for n, light in read_lights(document) if n in hierarchy.drawn),
+            lights,
             tuple(node.name for node in document.items("nodes")),
         )
         carrying = hierarchy.with_ancestors(camera.node for camera in cameras)

@@ -73,7 +73,7 @@ class ScenePart:
         path: the file.
         playback: which of its animations play, and when.
         hierarchy: its nodes.
-        animation: what plays.
+        animation: what plays of what moves meshes and lights; a loop is as long as that.
         instances: its meshes, where its nodes place them.
         lights: its lights with the nodes that carry them.
         node_names: names of all its nodes, possibly empty.
@@ -222,6 +222,16 @@ def far_origin(parts: Sequence[ScenePart], hull: Callable[[float], Float64]) -> 
         return None
     # a float32: what the file holds as such differs from it exactly
     return np.asarray(middle.astype(np.float32).astype(np.float64))
+
+
+def carriers(
+    hierarchy: Hierarchy, instances: Iterable[Instance], lights: Iterable[tuple[int, Light]]
+) -> frozenset[int]:
+    """Nodes that carry meshes and lights, those of their joints included."""
+    nodes = {node for node, _ in lights}
+    for one in instances:
+        nodes.update((one.node, *(() if one.skin is None else one.skin.joints)))
+    return hierarchy.with_ancestors(nodes)
 
 
 def _scaled(light: Light, scale: float) -> Light:

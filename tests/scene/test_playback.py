@@ -80,6 +80,50 @@ def test_camera_animation_follows_the_plates_time(tmp_path):
     assert scene.pose(0.0).meshes[0].positions[:, 0].mean() == pytest.approx(1.0)
 
 
+def walk_past_a_camera(path, *, rigged=False, one_clip=False, lamp=False):
+    """A square that slides 1 along x in 1 s; a camera, rig or lamp that moves for 4 s; a zoom."""
+    builder = GlbBuilder()
+    square = builder.node(mesh=builder.mesh(), root=not rigged)
+    camera = builder.node(camera=builder.camera(), root=not rigged)
+    rig = builder.node(children=[square, camera]) if rigged else camera
+    walk = (square, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR")
+    moved = builder.light("point") if lamp else rig
+    rise = [[0, 0, 0], [0, 8, 0], [0, 8, 0]]
+    longer = (moved, "translation", [0, 2, 4], rise, "STEP")
+    if one_clip:
+        builder.animation(walk, longer, name="Scene")
+    else:
+        builder.animation(walk, name="Walk")
+        builder.animation(longer, name="Longer")
+    field_of_view = ("/cameras/0/perspective/yfov", "pointer", [0, 7], [0.5, 0.7], "LINEAR")
+    builder.animation(field_of_view, name="Zoom")
+    return builder.write(path)
+
+
+@pytest.mark.parametrize("one_clip", [False, True])
+def test_loop_is_as_long_as_what_moves_the_object_not_the_camera(tmp_path, one_clip):
+    path = walk_past_a_camera(tmp_path / "scene.glb", one_clip=one_clip)
+    scene = Scene.load(path, Playback(loop=True))
+    at = [float(scene.pose(t).meshes[0].positions[:, 0].mean()) for t in (0.5, 1.25, 3.75)]
+    assert at == pytest.approx([0.5, 0.25, 0.75])
+    assert scene.camera(2.0, 64, 48).world_from_camera[1, 3] == pytest.approx(8.0)
+    assert scene.jumps(0.5, 1.25) == [1.0]
+
+
+def test_steps_of_the_camera_are_no_jumps_of_the_object(tmp_path):
+    scene = Scene.load(walk_past_a_camera(tmp_path / "scene.glb"))
+    assert scene.parts[0].jumps(1.5, 2.5) == []
+    assert scene.parts[0].end_s == 1.0
+
+
+@pytest.mark.parametrize("shared", [{"rigged": True}, {"lamp": True}])
+def test_loop_includes_a_parent_that_carries_camera_and_object_and_lamps(tmp_path, shared):
+    path = walk_past_a_camera(tmp_path / "scene.glb", **shared)
+    scene = Scene.load(path, Playback(loop=True))
+    assert scene.pose(3.0).meshes[0].positions[:, 0].mean() == pytest.approx(1.0)
+    assert scene.pose(4.5).meshes[0].positions[:, 0].mean() == pytest.approx(0.5)
+
+
 def test_chosen_animation_moves_the_camera_too(tmp_path):
     builder = clips("walk", "run")
     rig = builder.node(children=[2], root=True)

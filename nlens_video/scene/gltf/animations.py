@@ -177,8 +177,8 @@ class Animations:
     names: tuple[str, ...]
     clips: tuple[dict[TrackKey, AnimationTrack], ...]
 
-    def chosen(self, which: str) -> Animation:
-        """What plays: one animation by its name, else by its number, or all.
+    def of_objects(self, nodes: frozenset[int], which: str) -> Animation:
+        """What plays of what moves some nodes: one animation by its name or number, or all.
 
         Of those that move the same thing (walk, run), all means the first; see `name_alternatives`.
 
@@ -190,7 +190,8 @@ class Animations:
             clips = [clip for at, clip in enumerate(self.clips) if at not in left_out]
         else:
             clips = [self.clips[self._number(which)]]
-        return Animation(tuple(track for clip in clips for track in clip.values()))
+        tracks = (track for clip in clips for track in clip.values())
+        return Animation(tuple(t for t in tracks if t.path != "yfov" and t.node in nodes))
 
     def name_alternatives(self, document: Document, which: str) -> None:
         """Warn of those that do not play though `all` was said: alternatives of the others."""
