@@ -34,6 +34,7 @@ _PARTS = (
     ("focal_mm", re.compile(rf"{_NUMBER}mm$")),
     ("f_number", re.compile(rf"[fFtT]/{_NUMBER}$")),
 )
+_DECIMAL_COMMA = re.compile(r"(?<![\d.])\d+,\d+")  # or a comma between parts: nobody can tell
 _METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048}
 _LENGTH = re.compile(rf"{_NUMBER}(m|cm|mm|ft)$")
 _LIMITS = {
@@ -235,6 +236,12 @@ def parse_lens(text: str) -> KnownLens:
     Raises:
         UsageError: a part that is none of these, that comes twice, or whose value makes no sense.
     """
+    if comma := _DECIMAL_COMMA.search(text):
+        point = comma[0].replace(",", ".")
+        raise UsageError(
+            f"--lens {text!r}: {comma[0]!r}: decimals have a point ({point}), and parts a space "
+            f"between them; {_HELP}"
+        )
     found: dict[str, Any] = {}
     words = text.replace(",", " ").lower().split()
     while words:

@@ -21,6 +21,9 @@ from nlens_video.core.lens_fit import LensFit
         ("T/1.5", KnownLens(f_number=1.5)),
         ("focus inf 35mm", KnownLens(focal_mm=35.0, focus_m=math.inf)),
         ("focus 8ft", KnownLens(focus_m=8 * 0.3048)),
+        ("50mm, f/2.8, focus 2.4m", KnownLens(focal_mm=50.0, f_number=2.8, focus_m=2.4)),
+        ("50mm,f/2.8", KnownLens(focal_mm=50.0, f_number=2.8)),
+        ("f/2.8,50mm", KnownLens(focal_mm=50.0, f_number=2.8)),
         ("sensor Super35", KnownLens(sensor_long_mm=24.9)),
     ],
 )  # fmt: skip
@@ -42,6 +45,13 @@ def test_parts_of_a_lens_are_read_in_any_order(text, lens):
         ("sensor huge", "sensors: full-frame, super35"),
         ("50mm focus 4cm", "focused nearer than its focal length"),
         ("0mm", "focal is not from"),
+        ("sensor 23,6mm f/2.8 focus 2m", "'23,6': decimals have a point (23.6)"),
+        ("f/4,5mm", "'4,5': decimals have a point (4.5)"),
+        ("f/2,8 50mm", "'2,8': decimals have a point (2.8)"),
+        ("focus 2,4m", "'2,4': decimals have a point (2.4)"),
+        ("50mm,f/2.8,focus 0,5m", "'0,5': decimals have a point (0.5)"),
+        ("f/4,50mm", "parts a space between them"),
+        ("sensor 23,6x15,7", "'23,6': decimals have a point (23.6)"),
     ],
 )
 def test_what_is_no_lens_is_refused_with_an_example(text, said):
