@@ -17,19 +17,17 @@ class Beginning:
     """Finds the first frame of a shot that tells its light.
 
     That is the first one, unless it is black or white: then the first that is neither and at which
-    the light has come to rest, so that a fade is over.
+    the light has come to rest, so that a fade is over: it no longer changes away from how the shot
+    begins. Lamps that flicker rest.
 
     Attributes:
-        level: mean light of the last frame [1].
-        fading: whether it goes on from how the shot begins: brighter than the one before where that
-            is dark, else darker.
         rests: whether the light of a picture that shows something has come to rest.
         fades_in: whether a fade from black, or nearly, goes on.
     """
 
     def __init__(self) -> None:
-        self.level: float | None = None
-        self.fading = self.rests = self.fades_in = False
+        self.rests = self.fades_in = False
+        self._level: float | None = None
         self._dark = False
 
     def ends(self, picture: Picture) -> bool:
@@ -38,15 +36,15 @@ class Beginning:
 
     def ends_with(self, small: SmallPicture) -> bool:
         """`ends`, for a picture that is reduced already."""
-        before, self.level = self.level, float(small.light.mean())
+        before, self._level = self._level, float(small.light.mean())
         known = np.isfinite(small.stops).all(axis=2).mean()
-        tells = bool(known >= LEAST_SHARE) or _BLACK < self.level < _WHITE
+        tells = bool(known >= LEAST_SHARE) or _BLACK < self._level < _WHITE
         if before is None:
-            self._dark = self.level < 0.5
+            self._dark = self._level < 0.5
             return tells
-        rises = self.level > (1.0 + _STEADY) * before
-        self.fading = rises if self._dark else self.level < (1.0 - _STEADY) * before
-        self.rests |= self.level > _NOTHING and not self.fading
-        starts = before <= _NOTHING or self.level > (1.0 + _FADE) * before
+        rises = self._level > (1.0 + _STEADY) * before
+        fades = rises if self._dark else self._level < (1.0 - _STEADY) * before
+        self.rests |= self._level > _NOTHING and not fades
+        starts = before <= _NOTHING or self._level > (1.0 + _FADE) * before
         self.fades_in = rises and not self.rests and (self.fades_in or starts)
-        return tells and not self.fading
+        return tells and not fades
