@@ -48,6 +48,8 @@ _EVEN = ("libx264", "libx265")
 """Encoders whose sizes must be multiples of the chroma subsampling."""
 _NO_ORDER = ("avi", "asf", "mxf")
 """Containers that store decoding times only: no B-frames."""
+_MXF_GROUP = 128
+"""Most pictures from key frame to key frame that MXF's index counts [1]; x264's default is 250."""
 _FALLBACKS = ("libx264", "libvpx-vp9", "mpeg2video")
 _CHOOSY = ("dnxhd", "dvvideo", "h263", "mpeg1video", "mpeg2video", "cfhd", "v210", "flv", "msmpeg4")
 """Encoders that refuse some sizes or rates."""
@@ -130,6 +132,8 @@ def choose_encoding(
     reasons += unmarked_fields(name, interlaced=info.interlaced)
     if container in _NO_ORDER:
         options["bf"] = "0"
+    if container == "mxf" and name in ("libx264", "libx264rgb"):
+        options["g"] = str(_MXF_GROUP)
     return Encoding(codec=name, pixel_format=chosen, options=options, reasons=tuple(reasons))
 
 
