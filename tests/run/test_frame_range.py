@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import av
 import pytest
 from support import shots
+from support.clips import copy_range
 from support.programs import made
 
 from nlens_video.run.frame_range import FrameRange
@@ -13,7 +14,6 @@ from nlens_video.video.exr import LINEAR
 from nlens_video.video.info import CopiedStream, SourceFrame, SourceInfo
 from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
-from nlens_video.video.output.sink import open_sink
 from nlens_video.video.times.part import part_of
 
 RATE = 25
@@ -120,18 +120,6 @@ def test_subtitle_on_screen_is_found_where_the_file_is_read_from_a_later_frame(t
     assert shown == [(0, pytest.approx(0.3, abs=0.002))]
 
 
-def written(plate, out, first, end):
-    """Write a range as a run does."""
-    opened = open_seekable if first else open_source
-    with (
-        opened(str(plate)) as source,
-        open_sink(str(out), part_of(source.info, (first, end))) as sink,
-    ):
-        for item in FrameRange(source, (first, end)).items():
-            (sink.write if isinstance(item, SourceFrame) else sink.write_packet)(item)
-        sink.commit()
-
-
 def shown(path):
     """When each subtitle is shown, and when the pictures end [s]."""
     texts, last = [], 0.0
@@ -156,7 +144,7 @@ def test_subtitle_on_screen_at_a_range_end_ends_with_the_pictures(tmp_path, firs
     plate = made("-i", film, "-i", tmp_path / "said.srt", "-c:v", "copy", "-c:s", codec,
                  tmp_path / f"in.{ending}")  # fmt: skip
     out = tmp_path / f"out.{into}"
-    written(plate, out, first, 45)
+    copy_range(plate, out, first, 45)
     texts, last = shown(out)
     start, end = first / RATE, (45 - first) / RATE
     near = pytest.approx
@@ -171,7 +159,7 @@ def test_subtitle_of_a_range_without_an_end_lasts_as_long_as_it_did(tmp_path):
     (tmp_path / "said.srt").write_text("1\n00:00:01,400 --> 00:00:09,000\nlong\n")
     film = shots.write_video(tmp_path / "film.mkv", 60, audio=False)
     plate = made("-i", film, "-i", tmp_path / "said.srt", "-c:v", "copy", tmp_path / "in.mkv")
-    written(plate, tmp_path / "out.mkv", 25, None)
+    copy_range(plate, tmp_path / "out.mkv", 25, None)
     texts, _ = shown(tmp_path / "out.mkv")
     assert texts == [(pytest.approx(0.4, abs=0.002), pytest.approx(8.0, abs=0.002))]
 

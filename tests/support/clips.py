@@ -5,8 +5,12 @@ from fractions import Fraction
 import av
 import numpy as np
 
+from nlens_video.run.frame_range import FrameRange
+from nlens_video.video.info import SourceFrame
+from nlens_video.video.input.seek import open_seekable
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
+from nlens_video.video.times.part import part_of
 
 REPEATABLE = {"libx264": {"x264-params": "cpu-independent=1"}}
 """Options with which encoders give the same packets in each run, as `encoders.py` sets them."""
@@ -91,6 +95,19 @@ def copy(spec, target, *, box=None, **options):
                 rgba = np.full((box.height, box.width, 4), 0.5, np.float32)
                 frame.picture.composite_over(box, rgba)
             sink.write(frame)
+        sink.commit()
+        return sink.notes
+
+
+def copy_range(plate, out, first, end):
+    """Write a range as a run does; gives the sink's notes."""
+    opened = open_seekable if first else open_source
+    with (
+        opened(str(plate)) as source,
+        open_sink(str(out), part_of(source.info, (first, end))) as sink,
+    ):
+        for item in FrameRange(source, (first, end)).items():
+            (sink.write if isinstance(item, SourceFrame) else sink.write_packet)(item)
         sink.commit()
         return sink.notes
 

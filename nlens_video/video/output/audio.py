@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from fractions import Fraction
 from itertools import product
+from math import ceil
 
 import av
 import av.container
@@ -52,6 +53,7 @@ class AudioEncoder:
     Attributes:
         codec: FFmpeg's name of the encoder.
         fewer: what is said where channels are mixed into fewer ones, else empty.
+        exact: whether the samples stay as they are: PCM that becomes the same PCM.
         damaged: packets so far that could not be decoded [1].
 
     Raises:
@@ -68,6 +70,8 @@ class AudioEncoder:
         self.codec, rate, layout = _chosen(container, context)
         had, has = context.layout.nb_channels, av.AudioLayout(layout).nb_channels
         self.fewer = f"{had} channels become {has}" if has < had else ""
+        same = (self.codec, rate, has) == (context.codec.name, context.sample_rate, had)
+        self.exact = same and self.codec.startswith("pcm_")
         added = container.add_stream(self.codec, rate)
         assert isinstance(added, AudioStream)
         self._stream = added
@@ -87,20 +91,26 @@ class AudioEncoder:
         self._counted = self._taken = 0
         self._decoder = context
 
-    def encode(self, packet: Packet | None) -> list[av.Packet[AudioStream]]:
-        """Packets of the target's codec for one of the source's; None flushes."""
-        frames = []
-        if packet is not None:
-            try:
-                frames = self._decoder.decode(packet)
-            except av.FFmpegError:
-                self.damaged += 1
-                return []
+    def encode(self, packet: Packet) -> list[av.Packet[AudioStream]]:
+        """Packets of the target's codec for one of the source's."""
+        try:
+            frames = self._decoder.decode(packet)
+        except av.FFmpegError:
+            self.damaged += 1
+            return []
         packets: list[av.Packet[AudioStream]] = []
-        for frame in (*frames, *((None,) if packet is None else ())):
+        for frame in frames:
             for part in self._resampler.resample(frame):
                 packets += self._place(part)
-        return packets + self._drain(last=packet is None)
+        return packets + self._drain(last=False)
+
+    def finish(self, until_s: Fraction) -> list[av.Packet[AudioStream]]:
+        """The last packets, after silence where the sound ends before a time [s]."""
+        packets: list[av.Packet[AudioStream]] = []
+        for part in self._resampler.resample(None):
+            packets += self._place(part)
+        end = (self._start or 0) + self._counted
+        return packets + self._silence(ceil(until_s * self._rate) - end) + self._drain(last=True)
 
     def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
         """Append samples at their time stamp, after silence or without what overlaps if needed."""
@@ -114,7 +124,7 @@ class AudioEncoder:
             gap = 0  # a damaged time stamp, not an hour of silence
         packets: list[av.Packet[AudioStream]] = []
         if gap > _TOLERANCE_S * self._rate:
-            packets = self._silence(part, gap)
+            packets = self._silence(gap)
         if -gap > _TOLERANCE_S * self._rate:
             rest = _without(part, -gap)
             if rest is None:
@@ -123,10 +133,11 @@ class AudioEncoder:
         self._write(part)
         return packets
 
-    def _silence(self, like: av.AudioFrame, samples: int) -> list[av.Packet[AudioStream]]:
+    def _silence(self, samples: int) -> list[av.Packet[AudioStream]]:
         packets: list[av.Packet[AudioStream]] = []
+        form, layout = self._stream.codec_context.format.name, self._stream.codec_context.layout
         while samples > 0:
-            block = av.AudioFrame(like.format.name, like.layout.name, min(samples, self._rate))
+            block = av.AudioFrame(form, layout.name, min(samples, self._rate))
             # PyAV counts one plane too many, which does not exist, where there are eight
             count = block.layout.nb_channels if block.format.is_planar else 1
             for plane in block.planes[:count]:
@@ -226,7 +237,7 @@ def _layout(context: AudioCodecContext) -> str:
     """The source's layout, or the usual one of its number of channels."""
     count = context.layout.nb_channels
     unnamed = context.layout.name == f"{count} channels"
-    return _USUAL_LAYOUTS.get(count, "stereo") if unnamed else context.layout.name
+    return _USUAL_LAYOUTS.get(count, context.layout.name) if unnamed else context.layout.name
 
 
 class SubtitleEncoder:

@@ -13,7 +13,7 @@ from nlens_video.video.info import CopiedStream, Packet, SourceInfo
 from nlens_video.video.output.audio import AudioEncoder, SubtitleEncoder
 from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream
 from nlens_video.video.output.languages import set_languages
-from nlens_video.video.times.start import moved_sound
+from nlens_video.video.times.start import begins_at_zero, moved_sound
 
 _SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
 _OF_THE_OLD_PICTURES = (
@@ -24,6 +24,8 @@ _TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
 """Containers that store the timecode of the first frame."""
 _ROTATION = (*MP4_FAMILY, "matroska", "webm")
 """Containers that store by how much pictures are turned when they are shown."""
+_PAIRED = ("mxf", "dv")
+"""Containers whose muxers drop pictures that the streams of sound do not reach."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
@@ -91,11 +93,16 @@ class CarriedStreams:
         except (av.InvalidDataError, av.ArgumentError):
             self._refused += 1
 
-    def finish(self) -> None:
-        """Flush the encoders."""
+    def finish(self, pictures_end_s: Fraction) -> None:
+        """Flush the encoders; call after all pictures.
+
+        Args:
+            pictures_end_s: where they end, counted by their rate [s].
+        """
+        until_s = pictures_end_s if self._name in _PAIRED else Fraction(0)
         for target in self._targets.values():
             if isinstance(target, AudioEncoder):
-                self._container.mux(target.encode(None))
+                self._container.mux(target.finish(until_s))
 
     def _add(self, stream: CopiedStream) -> str:
         """Add a stream; a note where it is not copied."""
@@ -103,7 +110,8 @@ class CarriedStreams:
         if stream.cover:
             return self._add_cover(stream, label)
         moved = moved_sound(self._name, stream.start_s)
-        if not moved and holds_stream(self._name, stream):
+        paired = stream.type == "audio" and self._name in _PAIRED
+        if not moved and not paired and holds_stream(self._name, stream):
             self._targets[stream.index] = copy_of(self._container, stream.stream)
             return ""
         if stream.type not in ("audio", "subtitle"):
@@ -111,13 +119,18 @@ class CarriedStreams:
         try:
             encoder: AudioEncoder | SubtitleEncoder
             if stream.type == "audio":
-                encoder = AudioEncoder(self._container, stream.stream, from_zero=bool(moved))
+                zero = begins_at_zero(self._name)
+                encoder = AudioEncoder(self._container, stream.stream, from_zero=zero)
             else:
                 encoder = SubtitleEncoder(self._container, stream.stream)
         except ValueError as error:
             return f"{label} is left out: {error}"
         self._targets[stream.index] = encoder
-        lost = f"; {encoder.fewer}" if isinstance(encoder, AudioEncoder) and encoder.fewer else ""
+        lost = ""
+        if isinstance(encoder, AudioEncoder):
+            if encoder.exact and not moved:
+                return ""
+            lost = f"; {encoder.fewer}" if encoder.fewer else ""
         why = moved or f"{self._name} does not hold its codec"
         return f"{label} becomes {encoder.codec}: {why}{lost}"
 

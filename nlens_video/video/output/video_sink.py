@@ -174,7 +174,7 @@ class VideoSink(Sink):
     def _finish(self) -> None:
         with self._writing():
             self._container.mux(self._clock.retimed(self._stream.encode(None)))
-            self._carried.finish()
+            self._carried.finish(self._written / (self._info.average_rate or Fraction(25)))
             self._open = False
             self._container.close()
             if self._direct is not None:

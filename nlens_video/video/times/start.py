@@ -88,6 +88,15 @@ class Start:
             packet.pts = None if packet.pts is None else packet.pts - ticks
 
 
+def begins_at_zero(container: str) -> bool:
+    """Whether all streams of a container begin at 0, whatever their times.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+    """
+    return container in _TIMELESS
+
+
 def moved_sound(container: str, start_s: Fraction | None) -> str:
     """What must be done to sound that a container would move; empty where it stays in sync.
 
