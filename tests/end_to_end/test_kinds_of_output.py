@@ -23,6 +23,9 @@ def test_audio_only_output_format_is_refused_in_one_line(tmp_path, ending):
     [
         ("out.mp3", {}, OutputError, "hold no video"),
         ("out.xyz", {}, OutputError, "nothing writes this extension"),
+        ("out.m3u8", {}, OutputError, r"hls writes several files; give - as OUT, then \| ffmpeg"),
+        ("out.mpd", {}, OutputError, "dash writes several files"),
+        ("out.chk", {}, OutputError, "webm_chunk writes several files"),
         ("no/out.mp4", {}, OutputError, "does not exist"),
         ("out.mp4", {"codec": "h265x"}, UsageError, "no such encoder"),
         ("out.mp4", {"codec": "aac"}, UsageError, "encodes audio"),
@@ -66,3 +69,11 @@ def test_raw_file_holds_raw_frames(tmp_path, ending):
     notes = " ".join(copy(clip, tmp_path / f"out.{ending}"))
     assert (tmp_path / f"out.{ending}").stat().st_size == 3 * 64 * 48 * 3 // 2
     assert "stream 1 (audio) is left out" in notes
+
+
+@pytest.mark.parametrize("ending", ["m3u8", "mpd"])
+def test_result_of_several_files_is_refused_before_one_is_made(tmp_path, ending):
+    clip = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")])
+    with pytest.raises(OutputError, match="writes several files"):
+        copy(clip, tmp_path / f"out.{ending}")
+    assert [one.name for one in tmp_path.iterdir()] == ["in.mkv"]

@@ -107,6 +107,7 @@ def test_invalid_chunked_run_is_refused_before_its_first_chunk(
     [
         ("no/such/out.mp4", "does not exist; make it first"),
         ("out.xyz", "nothing writes this extension"),
+        ("out.m3u8", "hls writes several files; give - as OUT, then | ffmpeg -i - "),
         ("out.png", "is one picture, the plate is a video; give --frame N, a video or a sequence"),
         (".", "is a folder"),
     ],

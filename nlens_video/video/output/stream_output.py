@@ -39,12 +39,18 @@ class Muxer:
     video_codec: str
 
     def check_video(self, spec: str) -> None:
-        """Refuse a container without pictures for a result.
+        """Refuse a container that is no single file, or is without pictures, for a result.
 
         Raises:
-            OutputError: it holds sound only, or is for pictures of a kind that is not written.
+            OutputError: it is several files, which cannot be replaced at once, holds sound only, or
+                is for pictures of a kind that is not written.
         """
         check_kind(spec, self.name, numbered=ImageSequence.matches(spec))
+        if av.ContainerFormat(self.name, "w").no_file and "://" not in spec:
+            raise OutputError(
+                f"{spec}: {self.name} writes several files; give - as OUT, then "
+                f"| ffmpeg -i - {spec}"
+            )
         if self.video_codec == "none" or self.name in _SOUND_ONLY:
             kind = f"{Path(spec).suffix} files hold"
             raise OutputError(f"{spec}: {kind} no video; try .mp4, .mov, .mkv, .webm, .png")
