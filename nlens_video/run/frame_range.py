@@ -93,7 +93,8 @@ class FrameRange(SourceSlice):
     """The frames and packets of one range; its first frame is at time 0.
 
     A subtitle that is on screen at the first frame begins there, and lasts as long as it did. Of
-    the other streams that is left which begins within the range.
+    the other streams that is left which begins within the range; of a video also what its last
+    pictures are predicted from, which may be shown up to some pictures after the end.
 
     Args:
         source: the frames and, through its `packet_sink`, the other streams' packets.
@@ -106,6 +107,7 @@ class FrameRange(SourceSlice):
         self._first, self._end = frames
         self._packets: deque[Packet] = deque()
         self._subtitles = {one.index for one in source.info.copied if one.type == "subtitle"}
+        self._videos = {one.index for one in source.info.copied if one.type == "video"}
         self._on_screen: list[Packet] = []  # subtitles before the range that may last into it
         self._start_s: Fraction | None = None if self._first else Fraction(0)
         self._start_pts = 0
@@ -171,9 +173,15 @@ class FrameRange(SourceSlice):
                 if not self._is_shown(packet, self._start_s):
                     continue
                 _begin_at(packet, self._start_s)
-            if self._end_s is not None and _seconds(packet) >= self._end_s:
+            if self._end_s is not None and self._needed_s(packet) >= self._end_s:
                 continue
             yield self._shifted(packet)
+
+    def _needed_s(self, packet: Packet) -> Fraction:
+        """When a packet is needed; pictures are decoded before some that are shown earlier [s]."""
+        if packet.stream_index in self._videos and packet.dts is not None:
+            return packet.dts * Fraction(packet.time_base or 0)
+        return _seconds(packet)
 
     def _is_shown(self, packet: Packet, moment: Fraction) -> bool:
         """Whether a packet, begun by a moment [s], is a subtitle that is still shown then."""

@@ -49,6 +49,8 @@ class CopiedStream:
         cover: picture file of a cover (attached picture), else empty.
         start_s: time of its first packet by the source's header; of sound alone, None where it is
             unknown [s].
+        cut: whether it runs already where a part of the source begins, so that packets before the
+            part are left out.
     """
 
     index: int
@@ -57,6 +59,7 @@ class CopiedStream:
     stream: Stream = field(repr=False, compare=False)
     cover: bytes = field(default=b"", repr=False)
     start_s: Fraction | None = None
+    cut: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

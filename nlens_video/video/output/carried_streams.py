@@ -47,6 +47,9 @@ class CarriedStreams:
         self._name = container.format.name
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
         self._covers: list[tuple[Stream, bytes]] = []
+        # videos whose first key frame has not come, and whether other packets have
+        self._awaited: dict[int, bool] = {}
+        self._begun: list[str] = []
         added = [self._add(stream) for stream in info.copied]
         self.notes = (*(note for note in added if note), *set_languages(container))
         if _has_timecode(info) and self._name not in _TIMECODE:
@@ -63,6 +66,15 @@ class CarriedStreams:
         encoders = (one for one in self._targets.values() if isinstance(one, AudioEncoder))
         return self._refused + sum(encoder.damaged for encoder in encoders)
 
+    @property
+    def cut_notes(self) -> tuple[str, ...]:
+        """On videos of a range so far that lack the key frame before it."""
+        empty = (
+            f"stream {index} (video) has no pictures: the range holds none of its key frames"
+            for index, skipped in self._awaited.items() if skipped
+        )  # fmt: skip
+        return (*self._begun, *empty)
+
     def begin(self) -> None:
         """Write the covers, which come before all packets; call once all streams are added."""
         for stream, picture in self._covers:
@@ -76,11 +88,14 @@ class CarriedStreams:
     def write(self, packet: Packet) -> None:
         """Write a packet, unless its stream is left out.
 
-        Damaged packets, and those whose time steps back, are left out and counted.
+        Damaged packets, and those whose time steps back, are left out and counted. A video of a
+        range begins with a key frame, since nothing before one can be decoded.
 
         Raises:
             av.FFmpegError: the disk is full, or the container refuses it.
         """
+        if packet.stream.index in self._awaited and not self._begins(packet):
+            return
         target = self._targets.get(packet.stream.index)
         if self._ends_s is not None and packet.stream.type == "subtitle":
             _end_by(packet, self._ends_s)
@@ -113,6 +128,8 @@ class CarriedStreams:
         paired = stream.type == "audio" and self._name in _PAIRED
         if not moved and not paired and holds_stream(self._name, stream):
             self._targets[stream.index] = copy_of(self._container, stream.stream)
+            if stream.cut and stream.type == "video":
+                self._awaited[stream.index] = False
             return ""
         if stream.type not in ("audio", "subtitle"):
             return f"{label} is left out: {self._name} does not hold {stream.codec or 'it'}"
@@ -133,6 +150,20 @@ class CarriedStreams:
             lost = f"; {encoder.fewer}" if encoder.fewer else ""
         why = moved or f"{self._name} does not hold its codec"
         return f"{label} becomes {encoder.codec}: {why}{lost}"
+
+    def _begins(self, packet: Packet) -> bool:
+        """Whether a packet is the first key frame of a video; notes how late it is."""
+        index = packet.stream.index
+        if not packet.is_keyframe:
+            self._awaited[index] = True
+            return False
+        if self._awaited.pop(index) and packet.pts is not None and packet.time_base:
+            late_s = float(packet.pts * packet.time_base)
+            self._begun.append(
+                f"stream {index} (video) begins {late_s:.3f} s later, at its first key frame in "
+                "the range"
+            )
+        return True
 
     def _add_cover(self, stream: CopiedStream, label: str) -> str:
         if self._name == "matroska" and stream.codec in _COVERS:

@@ -41,13 +41,16 @@ def part_of(info: SourceInfo, frames: tuple[int, int | None]) -> SourceInfo:
 
 def _begun_later(info: SourceInfo, first: int) -> tuple[CopiedStream, ...]:
     """The other streams of a part, on its own clock."""
-    late = [one for one in info.copied if one.start_s is not None and one.start_s > info.start_s]
+    late = any(one.start_s is not None and one.start_s > info.start_s for one in info.copied)
     begun_s = _time(info, first) if late else Fraction(0)
-    return tuple(
-        replace(one, start_s=max(Fraction(0), one.start_s - begun_s)
-                if one in late and one.start_s is not None else Fraction(0))
+    waits_s = [
+        Fraction(0) if one.start_s is None or not late else max(Fraction(0), one.start_s - begun_s)
         for one in info.copied
-    )  # fmt: skip
+    ]
+    return tuple(
+        replace(one, start_s=wait_s, cut=not wait_s)
+        for one, wait_s in zip(info.copied, waits_s, strict=True)
+    )
 
 
 def _end(info: SourceInfo, first: int, end: int | None) -> Fraction | None:
