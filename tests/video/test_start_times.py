@@ -5,7 +5,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from support.clips import copy, noise_frame, read_times
+from support.clips import copy, copy_range, noise_frame, read_times
 
 from nlens_video.video.input.source import open_source
 
@@ -14,13 +14,17 @@ BLOCK = 1920
 """Samples of sound for one picture [1]."""
 
 
-def write_flash_and_beep(path, *, pictures_s=0, sound_s=0, codec="mp2", options=None):
-    """Two seconds: bright and loud from 1 s on; each stream begins at its time on that clock."""
+def write_flash_and_beep(path, *, pictures_s=0, sound_s=0, codec="mp2", options=None, packet=0):
+    """Two seconds: bright and loud from 1 s on; each stream begins at its time on that clock.
+
+    Packets of sound have as many samples as the encoder likes, or as `packet` says.
+    """
     with av.open(str(path), "w", container_options=options or {}) as out:
         video = out.add_stream("mpeg4", 25)
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         sound = out.add_stream(codec, RATE, layout="mono")
         kind = sound.codec_context.codec.audio_formats[0].name
+        resampler = av.AudioResampler(kind, "mono", RATE, packet or sound.frame_size or None)
         for index in range(50):
             moment = Fraction(index, 25)
             if moment >= pictures_s:
@@ -37,8 +41,10 @@ def write_flash_and_beep(path, *, pictures_s=0, sound_s=0, codec="mp2", options=
                     index * BLOCK,
                     Fraction(1, RATE),
                 )
-                for part in av.AudioResampler(kind, "mono", RATE).resample(block):
+                for part in resampler.resample(block):
                     out.mux(sound.encode(part))
+        for part in resampler.resample(None):
+            out.mux(sound.encode(part))
         out.mux([*video.encode(None), *sound.encode(None)])
     return path
 
@@ -51,7 +57,8 @@ def flash_and_beep(path):
     with av.open(str(path)) as source:
         for frame in source.decode(audio=0):
             samples = frame.to_ndarray().astype(np.float64)
-            loud = np.abs(samples).max(axis=0) > 0.1 * (1 if frame.format.name[0] == "f" else 2**15)
+            full = 1 if frame.format.name[0] == "f" else 2 ** (8 * frame.format.bytes - 1)
+            loud = np.abs(samples).max(axis=0) > 0.1 * full
             if loud.any():
                 return flash, frame.time + loud.argmax() / RATE
     raise AssertionError("silent")
@@ -80,6 +87,27 @@ def test_sound_stays_with_the_pictures_in_containers_without_start_times(
     assert any("silence is put before it" in note for note in notes) == (late > 0)
     cut = late < 0 and ending == "mxf"
     assert any("what comes before the pictures is left out" in note for note in notes) == cut
+
+
+@pytest.mark.parametrize("ending", ["avi", "mxf"])
+@pytest.mark.parametrize("first", [11, 12, 13, 14])
+@pytest.mark.parametrize(
+    ("name", "made", "within_s"),
+    [
+        ("in.mkv", {"codec": "flac"}, 0.002),
+        ("in.mkv", {"codec": "pcm_s16le", "packet": 4800}, 0.002),
+        ("in.mkv", {"codec": "pcm_s16le", "packet": 4800, "sound_s": 0.2}, 0.002),
+        ("in.mkv", {"codec": "ac3"}, 0.04),
+    ],
+)
+def test_sound_of_a_range_stays_with_the_pictures_where_containers_have_no_start_times(
+    tmp_path, name, made, within_s, first, ending
+):
+    plate = write_flash_and_beep(tmp_path / name, **made)
+    copy_range(plate, tmp_path / f"out.{ending}", first, 50)
+    flash, beep = flash_and_beep(tmp_path / f"out.{ending}")
+    assert flash == pytest.approx(1 - first / 25)
+    assert beep == pytest.approx(flash, abs=within_s)
 
 
 def test_late_pcm_stays_pcm_in_avi(tmp_path):

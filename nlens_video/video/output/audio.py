@@ -120,12 +120,13 @@ class AudioEncoder:
         if self._start is None:
             self._start = pts or 0
         gap = 0 if pts is None else pts - self._start - self._counted
+        tolerance = _TOLERANCE_S * self._rate if self._counted else 0
         if abs(gap) > _LONGEST_GAP_S * self._rate:
             gap = 0  # a damaged time stamp, not an hour of silence
         packets: list[av.Packet[AudioStream]] = []
-        if gap > _TOLERANCE_S * self._rate:
+        if gap > tolerance:
             packets = self._silence(gap)
-        if -gap > _TOLERANCE_S * self._rate:
+        if -gap > tolerance:
             rest = _without(part, -gap)
             if rest is None:
                 return packets

@@ -124,7 +124,7 @@ class CarriedStreams:
         label = f"stream {stream.index} ({'cover' if stream.cover else stream.type})"
         if stream.cover:
             return self._add_cover(stream, label)
-        moved = moved_sound(self._name, stream.start_s)
+        moved = moved_sound(self._name, stream)
         paired = stream.type == "audio" and self._name in _PAIRED
         if not moved and not paired and holds_stream(self._name, stream):
             self._targets[stream.index] = copy_of(self._container, stream.stream)

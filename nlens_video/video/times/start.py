@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from nlens_video.core.errors import Note, NoteKind
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
 from nlens_video.video.times.part import cut_chapter
 
 _TIMELESS = ("avi", "mxf", "gxf", "dv", "yuv4mpegpipe")
@@ -97,15 +97,19 @@ def begins_at_zero(container: str) -> bool:
     return container in _TIMELESS
 
 
-def moved_sound(container: str, start_s: Fraction | None) -> str:
+def moved_sound(container: str, stream: CopiedStream) -> str:
     """What must be done to sound that a container would move; empty where it stays in sync.
 
     Args:
         container: FFmpeg's name of the muxer.
-        start_s: time of the sound's first packet in the result [s].
+        stream: in the result's time.
     """
-    if container not in _TIMELESS or start_s is None or abs(start_s) < SEEN_S:
+    start_s = stream.start_s
+    if container not in _TIMELESS or start_s is None or stream.type != "audio":
         return ""
-    if start_s > 0:
+    # the first packet of a part may begin a packet later; those of PCM are of any length
+    if start_s >= SEEN_S or (stream.cut and stream.codec.startswith("pcm_")):
         return f"silence is put before it, {container} has no place for its later start"
-    return f"what comes before the pictures is left out, {container} has no place for it"
+    if start_s <= -SEEN_S:
+        return f"what comes before the pictures is left out, {container} has no place for it"
+    return ""
