@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import cast
 
 import av
 from av.sidedata.sidedata import Type
+
+from nlens_video.video.pixels.side_data import side_data
 
 _DYNAMIC = {
     Type.DYNAMIC_HDR_PLUS: "HDR10+", Type.DYNAMIC_HDR_VIVID: "HDR Vivid",
@@ -57,10 +57,7 @@ class HdrMetadata:
 
 def hdr_metadata(frame: av.VideoFrame) -> HdrMetadata:
     """The HDR metadata of a frame."""
-    try:
-        data = cast("Mapping[Type, bytes]", frame.side_data)  # buffers
-    except ValueError:
-        return HdrMetadata()  # PyAV has no name for other side data, such as EXIF
+    data = side_data(frame)
     graded, level = Type.MASTERING_DISPLAY_METADATA, Type.CONTENT_LIGHT_LEVEL
     mastering = _mastering(bytes(data[graded])) if graded in data else None
     most, mean = _LIGHT.unpack_from(bytes(data[level])) if level in data else (0, 0)

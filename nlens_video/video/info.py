@@ -14,6 +14,7 @@ from av.stream import Disposition, Stream
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Picture
 from nlens_video.video.hdr_metadata import HdrMetadata
+from nlens_video.video.pixels.orientation import UPRIGHT, Orientation
 
 Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]
@@ -71,7 +72,7 @@ class SourceInfo:
         kind: a `stream` can be read only once and may be endless.
         width: columns as displayed [px].
         height: rows as displayed [px].
-        rotation: counter-clockwise turn from stored to displayed samples [deg].
+        orientation: the way from stored to displayed samples.
         time_base: seconds per tick of a pts [s].
         average_rate: frames per second, None where unknown [1/s].
         steady: whether the frame rate is constant.
@@ -110,7 +111,7 @@ class SourceInfo:
     kind: Kind
     width: int
     height: int
-    rotation: int = 0
+    orientation: Orientation = UPRIGHT
     time_base: Fraction
     average_rate: Fraction | None
     steady: bool = True
@@ -144,8 +145,8 @@ class SourceInfo:
 
     @property
     def stored_size(self) -> tuple[int, int]:
-        """Width and height as stored, before the rotation to upright [px]."""
-        sideways = self.rotation % 180 != 0
+        """Width and height as stored, before they are turned upright [px]."""
+        sideways = self.orientation.sideways
         return (self.height, self.width) if sideways else (self.width, self.height)
 
     @property
@@ -158,7 +159,7 @@ class SourceInfo:
     def pixel_aspect(self) -> float:
         """Width of a displayed pixel by its height [1]."""
         ratio = float(self.sample_aspect_ratio or 1)
-        return 1.0 / ratio if self.rotation % 180 else ratio
+        return 1.0 / ratio if self.orientation.sideways else ratio
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,12 +197,12 @@ def is_cover(stream: Stream) -> bool:
 
 def upright(info: SourceInfo) -> SourceInfo:
     """Properties of a source whose frames are stored as they are displayed."""
-    sideways, ratio = info.rotation % 180 != 0, info.sample_aspect_ratio
+    sideways, ratio = info.orientation.sideways, info.sample_aspect_ratio
     return replace(
         info,
-        rotation=0,
+        orientation=UPRIGHT,
         sample_aspect_ratio=1 / ratio if sideways and ratio else ratio,
         interlaced=info.interlaced and not sideways,
         field_order="",
-        chroma_siting="" if info.rotation else info.chroma_siting,
+        chroma_siting=info.chroma_siting if info.orientation.upright else "",
     )

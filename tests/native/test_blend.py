@@ -22,7 +22,7 @@ def noise(pixel_format):
         frame = av.VideoFrame.from_ndarray(np.float32(codes) / 255, pixel_format)
     else:
         frame = av.VideoFrame.from_ndarray(codes, "rgb24").reformat(format=pixel_format)
-    return frame_samples(frame, frame_tags(frame), 0)
+    return frame_samples(frame, frame_tags(frame))
 
 
 def layer(box):

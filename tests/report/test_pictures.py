@@ -13,6 +13,7 @@ from nlens_video.report.collect import copied, thumbnail
 from nlens_video.report.html import embedded_jpeg, jpeg, to_8_bit
 from nlens_video.report.maps import COC_MAP, Scale
 from nlens_video.report.svg import Axes, nice_step, ticks
+from nlens_video.video.pixels.orientation import Orientation
 from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
 
 RAMP = np.linspace(30, 220, 960)[None, :, None] * np.ones((512, 1, 3))
@@ -26,7 +27,7 @@ def picture(pixel_format="yuv420p", rotation=0, rgb=RAMP):
     frame = av.VideoFrame.from_ndarray(rgb.astype(np.uint8), "rgb24")
     frame = frame.reformat(format=pixel_format, dst_colorspace="ITU709", dst_color_range="MPEG")
     frame.colorspace, frame.color_range = 1, 1
-    return AvPicture(frame, rotation=rotation)
+    return AvPicture(frame, orientation=Orientation(rotation))
 
 
 def test_copied_picture_keeps_the_plate_after_compositing():

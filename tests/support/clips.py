@@ -44,7 +44,7 @@ def planes(frame):
 
 def write_clip(
     path, frames, *, codec="ffv1", pts=None, time_base=Fraction(1, 16000), audio=False, rotation=0,
-    options=None, format_=None,
+    mirrored=False, options=None, format_=None,
 ):  # fmt: skip
     """Encode frames with given pts; optionally AAC or another codec, and a display matrix."""
     pts = [index * 640 for index in range(len(frames))] if pts is None else pts
@@ -55,8 +55,8 @@ def write_clip(
         stream.time_base = stream.codec_context.time_base = time_base
         for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
             setattr(stream.codec_context, name, getattr(frames[0], name))
-        if rotation:
-            stream.set_display_rotation(rotation)
+        if rotation or mirrored:
+            stream.set_display_rotation(rotation, hflip=mirrored)
         if audio:
             sound = out.add_stream("aac" if audio is True else audio, 48000, layout="mono")
         for frame, moment in zip(frames, pts, strict=True):

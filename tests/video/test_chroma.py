@@ -6,6 +6,7 @@ import pytest
 
 from nlens_video.core.color import ColorTags
 from nlens_video.video.pixels.chroma import with_full_chroma
+from nlens_video.video.pixels.orientation import Orientation
 from nlens_video.video.pixels.picture import AvPicture
 
 _TAGS = ColorTags(matrix="bt709", transfer="bt709", primaries="bt709", full_range=False)
@@ -29,7 +30,7 @@ def ramp(pixel_format, siting, rotation=0, *, size=(31, 17)):
             np.broadcast_to((60 + along)[:, None], view.shape),
         )[place]
         plane.update(_padded(values, rows.shape[1]))
-    return AvPicture(frame, _TAGS, rotation=rotation, chroma_siting=siting)
+    return AvPicture(frame, _TAGS, orientation=Orientation(rotation), chroma_siting=siting)
 
 
 def _padded(values, stride):

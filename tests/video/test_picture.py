@@ -14,6 +14,7 @@ from nlens_video.native import kernels
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.input.source import open_source
 from nlens_video.video.pixels import blend, blend_ref
+from nlens_video.video.pixels.orientation import Orientation
 from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
 from nlens_video.video.pixels.pixel_formats import working_format
 from nlens_video.video.pixels.samples import (
@@ -52,14 +53,14 @@ def layer(height, width, seed=1):
 )
 def test_fast_blend_is_within_a_code_value_of_the_reference(pixel_format, turns):
     frame = noise_frame(37, 27, pixel_format)
-    samples = frame_samples(frame, frame_tags(frame), turns)
+    samples = frame_samples(frame, frame_tags(frame), Orientation(90 * turns))
     slow = copy.deepcopy(samples)
     box = Box(3, 2, 24, 21)
     np.testing.assert_allclose(
         blend.linear(samples, box), blend_ref.linear(slow, box), rtol=2e-4, atol=2e-5
     )
     frame.make_writable()
-    samples = frame_samples(frame, frame_tags(frame), turns)
+    samples = frame_samples(frame, frame_tags(frame), Orientation(90 * turns))
     blend.composite_over(samples, box, layer(19, 21))
     blend_ref.composite_over(slow, box, layer(19, 21))
     for fast, reference in zip(samples.planes, slow.planes, strict=True):
@@ -75,7 +76,7 @@ def test_fast_blend_is_within_a_code_value_of_the_reference(pixel_format, turns)
 )
 def test_fast_downsampling_agrees_with_the_reference(width, height, pixel_format, turns):
     frame = noise_frame(width, height, pixel_format)
-    samples = frame_samples(frame, frame_tags(frame), turns)
+    samples = frame_samples(frame, frame_tags(frame), Orientation(90 * turns))
     found, expected = (way.downsample(samples, 16, 10) for way in (blend, blend_ref))
     assert found.shape == (10, 16, 3)
     np.testing.assert_allclose(found, expected, rtol=2e-4, atol=2e-5)
@@ -83,7 +84,7 @@ def test_fast_downsampling_agrees_with_the_reference(width, height, pixel_format
 
 @pytest.mark.parametrize("rotation", [0, 90, 180, -90])
 def test_picture_has_its_display_width(rotation):
-    picture = AvPicture(noise_frame(36, 20, "yuv420p"), rotation=rotation)
+    picture = AvPicture(noise_frame(36, 20, "yuv420p"), orientation=Orientation(rotation))
     assert picture.srgb().shape == (picture.height, picture.width, 3)
     assert (picture.width > picture.height) == (rotation in {0, 180})
 
@@ -93,7 +94,7 @@ def test_layer_colours_relative_to_the_plate_agree_with_the_reference(pixel_form
     frame = noise_frame(32, 24, pixel_format)
     frame.color_primaries = 9  # its own primaries are not those of the layer
     frame.make_writable()
-    samples = frame_samples(frame, frame_tags(frame), 0)
+    samples = frame_samples(frame, frame_tags(frame))
     slow, box = copy.deepcopy(samples), Box(0, 0, 32, 24)
     loss = layer(24, 32)
     loss[..., :3] = 0.3 * (loss[..., :3] - 0.2) * (loss[..., 3:] > 0)  # both signs
@@ -116,7 +117,7 @@ def test_layer_colours_relative_to_the_plate_agree_with_a_hand_calculation():
 @pytest.mark.parametrize("pixel_format", ["yuv420p", "yuv422p10le", "rgb24"])
 def test_loss_of_light_below_half_a_code_leaves_integer_samples_alone(pixel_format):
     frame = noise_frame(32, 24, pixel_format)
-    samples = frame_samples(frame, frame_tags(frame), 0)
+    samples = frame_samples(frame, frame_tags(frame))
     slow, before = copy.deepcopy(samples), copy.deepcopy(samples)
     loss = np.zeros((24, 32, 4), np.float32)
     loss[:12, :, 3], loss[12:, :, 3] = 0.4 / samples.coding.peak, 0.3
@@ -140,7 +141,7 @@ def test_the_least_loss_of_light_changes_float_samples():
 def test_fast_blend_supports_every_transfer_function(curve):
     frame = noise_frame(32, 24, "yuv420p10le")
     frame.color_trc, frame.colorspace, frame.color_primaries = curve, 9, 9
-    samples = frame_samples(frame, frame_tags(frame), 0)
+    samples = frame_samples(frame, frame_tags(frame))
     slow = copy.deepcopy(samples)
     box = Box(0, 0, 32, 24)
     blend.composite_over(samples, box, layer(24, 32))
@@ -154,21 +155,24 @@ def test_fast_blend_supports_every_transfer_function(curve):
 def test_samples_under_an_empty_layer_keep_their_bits(pixel_format, rotation):
     frame = noise_frame(37, 27, pixel_format)
     before = planes(frame)
-    picture = AvPicture(frame, rotation=rotation)
+    picture = AvPicture(frame, orientation=Orientation(rotation))
     whole = Box(0, 0, picture.width, picture.height)
     picture.composite_over(whole, np.zeros((whole.height, whole.width, 4), np.float32))
     for old, new in zip(before, planes(picture.frame), strict=True):
         np.testing.assert_array_equal(old, new)
 
 
-@pytest.mark.parametrize("rotation", [90, 180, 270])
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("rotation", [0, 90, 180, 270])
 @pytest.mark.parametrize("pixel_format", FORMATS)
-def test_odd_picture_that_is_turned_shows_the_same_light(pixel_format, rotation):
+def test_odd_picture_that_is_turned_or_mirrored_shows_the_same_light(
+    pixel_format, rotation, mirrored
+):
     frame = noise_frame(37, 27, pixel_format)
-    upright, turned = AvPicture(frame, rotation=0), AvPicture(frame, rotation=rotation)
-    shown = turned.linear(Box(0, 0, turned.width, turned.height))
-    expected = np.rot90(upright.linear(Box(0, 0, 37, 27)), rotation // 90)
-    np.testing.assert_array_equal(shown, expected)
+    stored, shown = AvPicture(frame), AvPicture(frame, orientation=Orientation(rotation, mirrored))
+    expected = np.rot90(stored.linear(Box(0, 0, 37, 27)), rotation // 90)
+    expected = expected[:, ::-1] if mirrored else expected
+    np.testing.assert_array_equal(shown.linear(Box(0, 0, shown.width, shown.height)), expected)
 
 
 def test_only_chroma_samples_touched_by_the_layer_change():
@@ -219,7 +223,7 @@ def test_full_range_chroma_is_sited_left_in_video_and_centred_in_jpeg(
 def test_patches_are_the_green_light_of_their_boxes(primaries):
     frame = noise_frame(37, 27, "yuv420p")
     frame.color_primaries = primaries
-    picture = AvPicture(frame, rotation=90)
+    picture = AvPicture(frame, orientation=Orientation(90))
     corners = [(0, 0), (27 - 9, 37 - 9), (3, 8)]
     boxes = [Box(x, y, x + 9, y + 9) for x, y in corners]
     green = [picture.linear(box)[..., 1] for box in boxes]
@@ -242,7 +246,7 @@ def test_rotated_picture_is_composited_in_display_orientation():
     frame = av.VideoFrame(32, 24, "gray")
     for plane in frame.planes:
         plane.update(bytes(plane.buffer_size))
-    picture = AvPicture(frame, rotation=90)
+    picture = AvPicture(frame, orientation=Orientation(90))
     assert (picture.width, picture.height) == (24, 32)
     picture.composite_over(Box(0, 0, 1, 1), np.ones((1, 1, 4), np.float32))
     stored = planes(frame)[0]

@@ -111,10 +111,10 @@ def test_rotated_clip_is_read_upright_and_written_rotated(tmp_path, rotation):
     with open_source(str(clip)) as source:
         turned = abs(rotation) == 90
         assert (source.info.width, source.info.height) == ((48, 64) if turned else (64, 48))
-        assert source.info.rotation % 360 == rotation % 360
+        assert source.info.orientation.rotation % 360 == rotation % 360
     copy(clip, tmp_path / "out.mp4", box=Box(0, 0, 8, 8))
     with open_source(str(tmp_path / "out.mp4")) as out:
-        assert out.info.rotation % 360 == rotation % 360
+        assert out.info.orientation.rotation % 360 == rotation % 360
         assert out.info.stored_size == (64, 48)
     copy(clip, tmp_path / "out_%04d.png")
     with open_source(str(clip)) as one, open_source(str(tmp_path / "out_%04d.png")) as other:

@@ -15,6 +15,7 @@ from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is
 from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
+from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
@@ -48,8 +49,7 @@ def describe(
     """
     picture = kind in ("still", "sequence")
     jpeg = picture and first.format.name.startswith("yuv")
-    rotation = first.rotation if first.rotation % 90 == 0 and abs(first.rotation) < 360 else 0
-    worked = AvPicture(first, rotation=rotation)
+    worked = AvPicture(first)
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
@@ -57,7 +57,7 @@ def describe(
     count = stream.frames or (round(duration * rate) if duration and rate else None)
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
-        rotation=rotation, time_base=stream.time_base or Fraction(1, 1000),
+        orientation=worked.orientation, time_base=stream.time_base or Fraction(1, 1000),
         average_rate=rate or None, steady=_is_steady(stream),
         frame_count=1 if kind == "still" else count,
         duration_s=duration, start_s=(first.pts or 0) * Fraction(first.time_base or 0),
@@ -76,7 +76,10 @@ def describe(
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
         camera_tags=camera_tags(spec, container, stream, first),
-        notes=(*_left_out(container, stream, copied), *_untagged(stream, first, transfer)),
+        notes=(
+            *_left_out(container, stream, copied), *_untagged(stream, first, transfer),
+            *_slanted(first),
+        ),
     )  # fmt: skip
 
 
@@ -140,6 +143,20 @@ def _untagged(
         Note(
             "the plate carries no colour tags: taken for BT.709; where it is HDR, pipe it as FFV1 "
             "in Matroska, which carries them, or give --input-transfer",
+            NoteKind.UNCERTAIN,
+        ),
+    )
+
+
+def _slanted(first: av.VideoFrame) -> tuple[str, ...]:
+    """A note on a display matrix that is not followed."""
+    angle = frame_slant(first)
+    if not angle:
+        return ()
+    return (
+        Note(
+            f"the plate is displayed turned by {angle:.3g} degrees, which is no multiple of 90: it "
+            "is composited as it is stored, and so is the result; ffmpeg -i IN OUT turns it",
             NoteKind.UNCERTAIN,
         ),
     )

@@ -162,7 +162,7 @@ class AvSource(Source):
             pts = clock.tick(frame.pts)
             frame.pts = pts
             picture = AvPicture(
-                frame, self.info.tags, rotation=self.info.rotation,
+                frame, self.info.tags, orientation=self.info.orientation,
                 chroma_siting=self.info.chroma_siting,
             )  # fmt: skip
             yield SourceFrame(

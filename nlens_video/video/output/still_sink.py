@@ -131,10 +131,11 @@ class StillSink(Sink):
     def _encode(self, frame: SourceFrame) -> bytes:
         picture = display_coded(frame.picture, self._format)
         jpeg = self._codec == "mjpeg" and self._info.codec != "mjpeg"
-        if jpeg or self._info.rotation:  # JPEG has its own matrix, and turning wants whole pixels
+        turns = not self._info.orientation.upright
+        if jpeg or turns:  # JPEG has its own matrix, and turning wants whole pixels
             pixels = picture_frame(picture, self._whole_format())
-            if self._info.rotation:
-                pixels = turned(pixels, self._info.rotation)
+            if turns:
+                pixels = turned(pixels, self._info.orientation)
             pixels = converted(pixels, self._format)
         else:
             pixels = picture_frame(picture, self._format, limited=self._limited)

@@ -78,7 +78,7 @@ class VideoSink(Sink):
                 codec = "rawvideo"
             name, default = self._container.format.name, self._container.default_video_codec
             Muxer(name, default).check_video(spec)
-            self._turns = bool(info.rotation) and not holds_rotation(name)
+            self._turns = not (info.orientation.upright or holds_rotation(name))
             self._start = start = Start.of(info, name)
             self._info = info = start.info(upright(info) if self._turns else info)
             encoding = choose_encoding(
@@ -95,7 +95,7 @@ class VideoSink(Sink):
         except BaseException:
             self._discard()
             raise
-        turned = (f"the pictures are turned upright: {name} has no place for their rotation",)
+        turned = (f"the pictures are turned upright: {name} has no place for their orientation",)
         self._says_shape = bool(self._path and info.uneven_aspect and name in HEADERS)
         self._notes = (
             *self.encoding.reasons, *self._colour.notes(name, self.encoding.codec),
@@ -280,8 +280,9 @@ class VideoSink(Sink):
         context.thread_type = thread_type(encoding.codec, live=info.kind == "stream")
         if info.sample_aspect_ratio:
             context.sample_aspect_ratio = info.sample_aspect_ratio
-        if info.rotation:
-            stream.set_display_rotation(info.rotation)
+        if not info.orientation.upright:
+            shown = info.orientation
+            stream.set_display_rotation(shown.rotation, hflip=shown.mirrored)
         if entry := sample_entry(self._container.format.name, encoding.codec):
             context.codec_tag = entry
         set_tags(stream, info)

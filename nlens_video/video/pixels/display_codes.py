@@ -56,7 +56,7 @@ def display_coded(picture: Picture, pixel_format: str) -> Picture:
         frame = picture_frame(light, "gray16le")
     else:
         frame = _with_codes(picture.copy().frame, kind)
-    return AvPicture(frame, replace(picture.tags, transfer=_SRGB), rotation=picture.rotation)
+    return AvPicture(frame, replace(picture.tags, transfer=_SRGB), orientation=picture.orientation)
 
 
 def _with_codes(frame: av.VideoFrame, kind: PixelLayout) -> av.VideoFrame:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from nlens_video.core.color import ColorTags, primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
+from nlens_video.video.pixels.orientation import Orientation, frame_orientation
 from nlens_video.video.pixels.pixel_formats import converted, take_tags, unpacked
 from nlens_video.video.pixels.samples import (
     Plane,
@@ -92,8 +93,7 @@ class AvPicture(SamplesPicture):
     Args:
         frame: the frame; composited in place.
         tags: colour tags; default: those of the frame.
-        rotation: counter-clockwise turn that makes it upright, a multiple of 90 [deg]; default:
-            the frame's display matrix.
+        orientation: how it is displayed; default: by the frame's display matrix.
         chroma_siting: FFmpeg's name of where chroma lies: `center` in JPEG, `topleft` in UHD HDR10;
             empty for `left`, as in nearly all other video of either range.
 
@@ -102,12 +102,12 @@ class AvPicture(SamplesPicture):
     """
 
     def __init__(
-        self, frame: av.VideoFrame, tags: ColorTags | None = None, *, rotation: int | None = None,
-        chroma_siting: str = "",
+        self, frame: av.VideoFrame, tags: ColorTags | None = None, *,
+        orientation: Orientation | None = None, chroma_siting: str = "",
     ) -> None:  # fmt: skip
         self.frame = unpacked(frame)
         self._tags = tags
-        self.rotation = frame.rotation if rotation is None else rotation
+        self.orientation = frame_orientation(frame) if orientation is None else orientation
         self.chroma_siting = chroma_siting
 
     @property
@@ -118,20 +118,18 @@ class AvPicture(SamplesPicture):
     @property
     def width(self) -> int:
         """Columns as displayed [px]."""
-        return self.frame.height if self._turns % 2 else self.frame.width
+        return self.frame.height if self.orientation.sideways else self.frame.width
 
     @property
     def height(self) -> int:
         """Rows as displayed [px]."""
-        return self.frame.width if self._turns % 2 else self.frame.height
-
-    @property
-    def _turns(self) -> int:
-        return round(self.rotation / 90)
+        return self.frame.width if self.orientation.sideways else self.frame.height
 
     def samples(self) -> Samples:
         """Upright views of the frame's samples."""
-        return frame_samples(self.frame, self.tags, self._turns, chroma_siting=self.chroma_siting)
+        return frame_samples(
+            self.frame, self.tags, self.orientation, chroma_siting=self.chroma_siting
+        )
 
     def _make_writable(self) -> None:
         # the decoder predicts later frames from this buffer: writing to it would damage them
@@ -140,8 +138,9 @@ class AvPicture(SamplesPicture):
     def copy(self) -> AvPicture:
         """The same picture with samples of its own."""
         return AvPicture(
-            copied(self.frame), self._tags, rotation=self.rotation, chroma_siting=self.chroma_siting
-        )
+            copied(self.frame), self._tags, orientation=self.orientation,
+            chroma_siting=self.chroma_siting,
+        )  # fmt: skip
 
 
 class ArrayPicture(SamplesPicture):

@@ -21,6 +21,7 @@ from nlens_video.core.color import (
 )
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.video.pixels.orientation import UPRIGHT, Orientation
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout
 
 Plane = npt.NDArray[Any]
@@ -194,9 +195,10 @@ def frame_tags(frame: av.VideoFrame, *, assumed: int = 0, given: str | None = No
 
 
 def frame_samples(
-    frame: av.VideoFrame, tags: ColorTags, turns: int, *, chroma_siting: str = ""
-) -> Samples:
-    """Views of a frame in a working format, turned `turns` quarter turns counter-clockwise.
+    frame: av.VideoFrame, tags: ColorTags, orientation: Orientation = UPRIGHT, *,
+    chroma_siting: str = "",
+) -> Samples:  # fmt: skip
+    """Views of a frame in a working format, as it is displayed.
 
     `chroma_siting` is FFmpeg's name of where chroma at half the width or height lies; empty: left.
     """
@@ -205,14 +207,14 @@ def frame_samples(
         plane_rows(frame.planes[plane], kind)[:, place :: kind.channels]
         for plane, place in kind.components
     ]
-    return _upright(views, kind, tags, _axes(kind, chroma_siting), turns)
+    return _upright(views, kind, tags, _axes(kind, chroma_siting), orientation)
 
 
 def memory_samples(
     views: list[Plane], kind: PixelLayout, tags: ColorTags, *, centred_chroma: bool = False
 ) -> Samples:
     """Samples of a picture whose components are at hand as views (H, W), alpha as the last one."""
-    return _upright(views, kind, tags, _axes(kind, "center" if centred_chroma else ""), 0)
+    return _upright(views, kind, tags, _axes(kind, "center" if centred_chroma else ""))
 
 
 @lru_cache(maxsize=64)
@@ -259,26 +261,25 @@ def array_samples(
         family="rgb" if channels > 1 else "gray", bits=bits, components=((0, 0),) * channels,
         alpha=channels == 4,
     )  # fmt: skip
-    return replace(_upright(views, kind, tags, (Axis(), Axis()), 0), associated=associated)
+    return replace(_upright(views, kind, tags, (Axis(), Axis())), associated=associated)
 
 
 def _upright(
-    views: list[Plane], kind: PixelLayout, tags: ColorTags, axes: tuple[Axis, Axis], turns: int
-) -> Samples:
+    views: list[Plane], kind: PixelLayout, tags: ColorTags, axes: tuple[Axis, Axis],
+    orientation: Orientation = UPRIGHT,
+) -> Samples:  # fmt: skip
     """Samples as displayed, from views as stored and their subsampling across and down."""
-    alpha = views.pop() if kind.alpha else None
     height, width = views[0].shape
-    if len(views) == 1:  # greyscale: unused chroma of the shape that the kernels expect
+    views = [orientation.shown(view) for view in views]
+    alpha = views.pop() if kind.alpha else None
+    if grey := len(views) == 1:  # unused chroma of the shape that the kernels expect
         views += [np.zeros_like(views[0]), np.zeros_like(views[0])]
-    for _ in range(turns % 4):
+    for _ in range(orientation.turns):
         axes = axes[1], _mirrored(axes[0], width)
         height, width = width, height
-    family = "gray" if len(kind.components) - kind.alpha == 1 else "yuv"
-    if tags.matrix == "gbr" and family == "yuv":
-        family = "rgb"
-    if turns % 4:
-        views = [np.rot90(view, turns) for view in views]
-        alpha = None if alpha is None else np.rot90(alpha, turns)
+    if orientation.mirrored:
+        axes = _mirrored(axes[0], width), axes[1]
+    family = "gray" if grey else "rgb" if tags.matrix == "gbr" else "yuv"
     return Samples((views[0], views[1], views[2]), alpha, *axes, Coding(family, tags, kind.bits))
 
 
