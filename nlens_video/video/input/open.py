@@ -11,11 +11,12 @@ from typing import BinaryIO
 import av
 import av.container
 import av.video.stream
+from av.stream import Disposition
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, too_large
-from nlens_video.video.info import Kind
+from nlens_video.video.info import Kind, is_cover
 from nlens_video.video.input.lost_connections import explain_lost, why_lost
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence, exists, is_file
 
@@ -110,21 +111,31 @@ def _standard_input() -> BinaryIO:
     return sys.stdin.buffer
 
 
+def videos(container: av.container.InputContainer) -> list[av.video.stream.VideoStream]:
+    """The videos of a container, covers left out."""
+    return [one for one in container.streams.video if not is_cover(one)]
+
+
 def video_stream(container: av.container.InputContainer, spec: str) -> av.video.stream.VideoStream:
-    """The stream that is composited on.
+    """The stream that is composited on: the largest of the default videos, else of all.
 
     Raises:
         InputError: there is none.
     """
-    stream = container.streams.best("video")
-    if not isinstance(stream, av.video.stream.VideoStream) or (
-        stream.disposition & av.stream.Disposition.attached_pic
-    ):
+    stream = max(videos(container), key=_standing, default=None)
+    if stream is None:
         kinds = ", ".join(sorted({one.type for one in container.streams})) or "nothing"
         raise InputError(f"{spec}: has no video stream (found: {kinds}); give a video or a picture")
     if stream.codec_context is None:
         raise InputError(f"{spec}: nothing here decodes its video stream; convert it first")
     return stream
+
+
+def _standing(stream: av.video.stream.VideoStream) -> tuple[bool, int]:
+    """Whether a video is called the default one, and how many pixels it has."""
+    context = stream.codec_context
+    pixels = 0 if context is None else context.width * context.height
+    return bool(stream.disposition & Disposition.default), pixels
 
 
 def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:

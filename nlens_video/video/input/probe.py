@@ -15,6 +15,7 @@ from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is
 from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
+from nlens_video.video.input.open import videos
 from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
@@ -77,8 +78,8 @@ def describe(
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),
         camera_tags=camera_tags(spec, container, stream, first),
         notes=(
-            *_left_out(container, stream, copied), *_untagged(stream, first, transfer),
-            *_slanted(first),
+            *_chosen(container, stream), *_left_out(container, stream, copied),
+            *_untagged(stream, first, transfer), *_slanted(first),
         ),
     )  # fmt: skip
 
@@ -144,6 +145,23 @@ def _untagged(
             "the plate carries no colour tags: taken for BT.709; where it is HDR, pipe it as FFV1 "
             "in Matroska, which carries them, or give --input-transfer",
             NoteKind.UNCERTAIN,
+        ),
+    )
+
+
+def _chosen(
+    container: av.container.InputContainer, stream: av.video.stream.VideoStream
+) -> tuple[str, ...]:
+    """A note on which of several videos is composited on."""
+    count = len(videos(container))
+    if count < 2:
+        return ()
+    size = f"{stream.codec_context.width}x{stream.codec_context.height}"
+    return (
+        Note(
+            f"stream {stream.index} ({size}) is the plate, as the default or largest of {count} "
+            "videos; ffmpeg -i IN -map 0:NUMBER -c copy FILE gives another one alone",
+            NoteKind.INFORMATION,
         ),
     )
 
