@@ -221,9 +221,9 @@ def _hash_of_spec(spec: str | None) -> str:
     """Hash of a file or of a sequence of files."""
     if spec is None:
         return ""
-    if Path(spec).is_file() or not ImageSequence.matches(spec):
+    sequence = ImageSequence.of_input(spec)
+    if sequence is None:
         return _hash_of_file(Path(spec))
-    sequence = ImageSequence(spec)
     files = (f"{number} {_hash_of_file(sequence.path(number))}" for number in sequence.span())
     return _digest("\n".join(files))
 

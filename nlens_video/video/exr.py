@@ -182,7 +182,7 @@ class LayerReader:
     def __init__(self, spec: str, size: tuple[int, int]) -> None:
         self._size = size
         self._path = Path(spec)
-        self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
+        self._files = ImageSequence.of_input(spec)
         self._first = self._files.first() if self._files else 0
         self._notes: tuple[Note, ...] = ()
 
@@ -221,7 +221,7 @@ class ExrSource(Source):
     """
 
     def __init__(self, spec: str, rate: str | None) -> None:
-        self._pattern = ImageSequence(spec) if ImageSequence.matches(spec) else None
+        self._pattern = ImageSequence.of_input(spec)
         numbers = self._pattern.span() if self._pattern else range(1)
         self._start, count = numbers.start, len(numbers)
         self._path = Path(spec)

@@ -85,6 +85,11 @@ class ImageSequence:
         """Whether a name is such a pattern."""
         return len(_NUMBER.findall(Path(spec).name)) == 1
 
+    @classmethod
+    def of_input(cls, spec: str) -> ImageSequence | None:
+        """The sequence that an input names, None for a file, which may have such a name too."""
+        return cls(spec) if cls.matches(spec) and not is_file(Path(spec)) else None
+
     def path(self, number: int) -> Path:
         """The file of a number."""
         name = _NUMBER.sub(lambda m: str(number).zfill(int(m.group(1) or 0)), self._path.name)
@@ -190,9 +195,7 @@ class NamedFiles:
 
     @property
     def _sequence(self) -> ImageSequence | None:
-        name = str(self.path)
-        is_pattern = ImageSequence.matches(name) and not is_file(self.path)
-        return ImageSequence(name) if is_pattern else None
+        return ImageSequence.of_input(str(self.path))
 
     def _is_inside(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.inside)

@@ -1,6 +1,7 @@
 """Names of sources and results: numbered sequences, their gaps, awkward file names."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import av
 import numpy as np
@@ -9,7 +10,8 @@ from support import shots
 from support.clips import copy, noise_frame, write_plates
 
 from nlens_video.core.errors import InputError, OutputError
-from nlens_video.video.exr import write_layers
+from nlens_video.video.exr import LayerReader, write_layers
+from nlens_video.video.input.holdout import open_holdout
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
 
@@ -109,3 +111,26 @@ def test_video_with_an_unusual_file_name_is_read_and_written(tmp_path, monkeypat
         sink.commit()
     (tmp_path / f"out_{name}").rename(tmp_path / "result.mp4")
     assert len(shots.read_planes(tmp_path / "result.mp4")) == 3
+
+
+@pytest.mark.parametrize("ending", ["png", "exr"])
+def test_picture_whose_name_looks_like_a_pattern_is_one_picture(tmp_path, ending):
+    plate = tmp_path / f"100%d.{ending}"
+    if ending == "exr":
+        write_layers(plate, dict.fromkeys("RGB", np.full((48, 64), 0.25, np.float32)))
+    else:
+        noise_frame(64, 48, "rgb24").save(str(plate))
+    assert copy(plate, tmp_path / f"out.{ending}") == ()
+    with open_source(str(plate)) as before, open_source(str(tmp_path / f"out.{ending}")) as after:
+        assert before.info.kind == "still"
+        light = [next(iter(one)).picture.srgb() for one in (before, after)]
+    np.testing.assert_array_equal(*light)
+
+
+def test_holdout_and_layer_whose_names_look_like_patterns_are_one_file(tmp_path):
+    name = str(tmp_path / "100%d.exr")
+    write_layers(Path(name), dict.fromkeys("RGBAZ", np.full((6, 8), 0.5, np.float32)))
+    layer, holdout = LayerReader(name, (8, 6)), open_holdout(name, (8, 6))
+    for frame in (0, 3):
+        assert layer.read(frame).rgba == pytest.approx(0.5, abs=1e-3)
+        assert holdout.read(frame).depth == pytest.approx(0.5, abs=1e-3)

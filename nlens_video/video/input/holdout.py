@@ -149,7 +149,7 @@ class ExrHoldout:
         self._size = size
         self._unit_m = unit_m
         self._spec = spec
-        self._files = ImageSequence(spec) if ImageSequence.matches(spec) else None
+        self._files = ImageSequence.of_input(spec)
         self._start = self._files.span().start if self._files else 0
         first = self._image(0)
         channels = first.channels

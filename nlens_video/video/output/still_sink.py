@@ -42,7 +42,8 @@ class StillSink(Sink):
         self._info = info
         self._path = Path(spec)
         self._numbered = ImageSequence(spec) if ImageSequence.matches(spec) else None
-        self._first = _first_number(info.name)
+        self._plates = ImageSequence.of_input(info.name)
+        self._first = self._plates.first() if self._plates else 0
         self._keep = keep_partial
         self._written: list[Path] = []
         self._codec = EXTENSIONS[self._path.suffix.lower()]
@@ -121,9 +122,8 @@ class StillSink(Sink):
 
     def _plate(self, number: int) -> Path:
         """The plate's file of a frame."""
-        name = self._info.name
-        matches = ImageSequence.matches(name)
-        return ImageSequence(name).path(self._first + number) if matches else Path(name)
+        plates = self._plates
+        return plates.path(self._first + number) if plates else Path(self._info.name)
 
     def _name(self, index: int) -> Path:
         return self._numbered.path(self._first + index) if self._numbered else self._path
@@ -161,7 +161,3 @@ class StillSink(Sink):
         if kind is None or kind.family == "yuv":
             return "rgb24" if kind is None or kind.bits == 8 else "rgb48le"
         return working_format(self._format)
-
-
-def _first_number(source: str) -> int:
-    return ImageSequence(source).first() if ImageSequence.matches(source) else 0
