@@ -6,14 +6,10 @@ import math
 from dataclasses import dataclass, replace
 
 from nlens_video.cameras.doubt import doubt, what_was_found
-from nlens_video.cameras.placed import (
-    PlacedCamera,
-    in_solved_world,
-    stand_on_ground,
-)
+from nlens_video.cameras.placed import PlacedCamera, in_solved_world, stand_on_ground
 from nlens_video.cameras.placement import contact_point, place_camera
 from nlens_video.cameras.solved import SolvedCamera
-from nlens_video.core.errors import NoGroundError, Note, NoteKind, UsageError
+from nlens_video.core.errors import InputError, NoGroundError, Note, NoteKind, UsageError
 from nlens_video.core.layers import Box, ObjectLayer
 from nlens_video.core.optics import Distortion
 from nlens_video.core.placement import ASSUMED_FOCAL_MM, GroundPlacing, Placement, focal_of_fov
@@ -28,6 +24,9 @@ from nlens_video.scene.screen_projection import extent, misses
 
 _NEAREST = 1e-3  # of the object's greatest depth: nearer than that is taken for behind the camera
 
+_MOST_UNEVEN = 8
+"""Limit of a pixel's width by its height, or the other way round: memory of the blur grows by its
+square."""
 _BELOW, _SIZE_BELOW = (0.5, 0.85), 0.35
 """Where an object stands on a plate that shows no ground, and its height [frame]."""
 
@@ -50,6 +49,9 @@ class View:
         overscan_px: how far beyond the frame the object is rendered, without its blur [px].
         frame_s: from one frame to the next on average, 0 for a still or where unknown [s].
         length_s: of the plate, None where it is not known [s].
+
+    Raises:
+        InputError: pixels that are farther from square than any camera's.
     """
 
     width: int
@@ -64,6 +66,14 @@ class View:
     overscan_px: int = 0
     frame_s: float = 0.0
     length_s: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 1.0 / _MOST_UNEVEN <= self.pixel_aspect <= _MOST_UNEVEN:
+            raise InputError(
+                f"the plate's pixels are {self.pixel_aspect:.3g} times as wide as high; expected "
+                f"1/{_MOST_UNEVEN} to {_MOST_UNEVEN}; ffmpeg -i IN -vf setsar=1 OUT makes them "
+                "square"
+            )
 
     @property
     def unit_m(self) -> float | None:
