@@ -27,7 +27,7 @@ class Source(ABC):
 
     @property
     def damaged(self) -> int:
-        """Packets, frames or files so far that were damaged; the first frame is whole [1]."""
+        """Packets, frames or files so far that were damaged [1]."""
         return self._damaged
 
     @abstractmethod

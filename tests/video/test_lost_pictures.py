@@ -2,6 +2,10 @@
 
 from fractions import Fraction
 
+import av
+import numpy as np
+import pytest
+from support import shots
 from support.clips import noise_frame, write_clip
 
 from nlens_video.video.input.source import open_source
@@ -57,3 +61,38 @@ def test_joined_recordings_are_not_damaged(tmp_path):
     frames, source = read(whole)
     assert source.damaged == 0
     assert [number for number, _ in frames] == list(range(120))
+
+
+def write_jpeg(path, damage=None):
+    """The plate as a JPEG: cut in the middle, with zeros in a tenth of it, or whole."""
+    av.VideoFrame.from_ndarray(shots.plate(), "rgb24").save(str(path))
+    data = bytearray(path.read_bytes())
+    half, tenth = len(data) // 2, len(data) // 10
+    if damage == "cut":
+        del data[half:]
+    elif damage == "zeros":
+        data[half : half + tenth] = bytes(tenth)
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(("damage", "count"), [("cut", 1), ("zeros", 1), (None, 0)])
+def test_damaged_jpeg_is_read_as_far_as_it_goes_and_counted(tmp_path, damage, count):
+    whole = write_jpeg(tmp_path / "whole.jpg")
+    frames, source = read(write_jpeg(tmp_path / "in.jpg", damage=damage))
+    assert (frames, source.damaged) == ([(0, 0)], count)
+    above = [top_rows(path) for path in (whole, tmp_path / "in.jpg")]
+    np.testing.assert_array_equal(*above)
+
+
+def top_rows(path):
+    with open_source(str(path)) as source:
+        return next(iter(source)).picture.srgb()[:16]
+
+
+def test_damaged_jpeg_of_a_sequence_is_counted_and_the_others_keep_their_places(tmp_path):
+    for number in range(12):
+        write_jpeg(tmp_path / f"p_{number}.jpg", "zeros" if number in (0, 7) else None)
+    frames, source = read(tmp_path / "p_%d.jpg")
+    assert [number for number, _ in frames] == list(range(12))
+    assert source.damaged == 2

@@ -35,6 +35,10 @@ DECODER = {"max_pixels": str(MOST_PIXELS)}
 """FFmpeg's options of all decoders: larger pictures are refused, wherever they come."""
 
 
+STRICT = DECODER | {"err_detect": "explode"}
+"""Options with which a decoder fails on damage that it would conceal without a word."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputHints:
     """The user's options for an input that does not describe itself.

@@ -9,8 +9,11 @@ from fractions import Fraction
 import av
 import av.container
 from av.stream import Stream
+from av.video.codeccontext import VideoCodecContext
+from av.video.stream import VideoStream
 
 from nlens_video.video.info import Packet, SourceInfo, is_cover
+from nlens_video.video.input.open import DECODER
 from nlens_video.video.pixels.pixel_formats import converted, resized
 from nlens_video.video.pixels.samples import frame_tags
 
@@ -181,6 +184,17 @@ class Damage:
         """
         first = (pts if last is None else last) - _REORDERED * step
         return any(first <= at <= pts + _REORDERED * step for at in self._at)
+
+
+def salvaged(stream: VideoStream, packet: Packet | None) -> list[av.VideoFrame]:
+    """What a lenient decoder makes of a damaged picture file, nothing where it refuses it too."""
+    decoder = av.CodecContext.create(stream.codec_context.name, "r")
+    assert isinstance(decoder, VideoCodecContext)
+    decoder.options = DECODER
+    try:
+        return decoder.decode(packet)
+    except av.FFmpegError:
+        return []
 
 
 class Conform:

@@ -18,6 +18,7 @@ from nlens_video.video.input.late_fields import LateFields
 from nlens_video.video.input.lost_connections import Reads, explain_lost, why_lost
 from nlens_video.video.input.open import (
     DECODER,
+    STRICT,
     InputHints,
     decoder_of,
     explain_undecodable,
@@ -27,7 +28,7 @@ from nlens_video.video.input.open import (
 from nlens_video.video.input.packet_index import frame_time
 from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
-from nlens_video.video.input.repair import Completeness, Conform, Damage, SourceClock
+from nlens_video.video.input.repair import Completeness, Conform, Damage, SourceClock, salvaged
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import AvPicture
 
@@ -115,7 +116,9 @@ class AvSource(Source):
                 self._decoder.skip_frame = "NONREF"
                 # each frame waits for one before it: with as many threads as processors some idle
                 self._decoder.thread_count = min(_MOST_THREADS, 2 * processors() + 2)
-            self._decoder.options = DECODER
+            # other decoders refuse damaged pictures, or (TIFF) are strict about whole ones
+            self._salvages = kind in ("still", "sequence") and stream.codec.name == "mjpeg"
+            self._decoder.options = STRICT if self._salvages else DECODER
             declared = (stream.codec_context.width, stream.codec_context.height)
             self._decoded = self._decode()
             first = next(self._decoded, None)
@@ -230,11 +233,11 @@ class AvSource(Source):
                     continue  # the last frames are decoded anew
                 if packet is None or not packet.is_corrupt:  # else it is counted already
                     self._damage.add()
-                failed += 1
+                frames = salvaged(self._stream, packet) if self._salvages else []
+                failed += not frames
                 if failed == MOST_UNDECODABLE:
                     self._ended_early = (f"given up after {failed} undecodable packets in a row",)
                     break
-                continue
             for frame in frames:
                 failed = 0
                 delivery.show(frame)
@@ -277,7 +280,7 @@ class AvSource(Source):
 
     @property
     def damaged(self) -> int:
-        """Packets and frames so far that were damaged; the first frame is whole [1]."""
+        """Packets and frames so far that were damaged [1]."""
         return self._damage.count
 
     def warnings(self) -> tuple[str, ...]:
