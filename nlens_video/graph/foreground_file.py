@@ -142,6 +142,7 @@ def _state_arrays(found: MovingForeground) -> Arrays:
         "things.look": np.array([number[id(one.appearance)] for _, one in rows], np.int64),
         "looks": np.array([one.histogram for one in appearances], np.float32),
         "looks.shape": np.array([one.silhouette for one in appearances], np.float32),
+        "looks.count": np.array([one.samples for one in appearances], np.int64),
         "cameras.frame": np.array(list(found.cameras), np.int64),
         "cameras.pose": np.array([one.world_from_camera for one in cameras]),
         "cameras.numbers": np.array([_intrinsics(one) for one in cameras]),
@@ -149,9 +150,13 @@ def _state_arrays(found: MovingForeground) -> Arrays:
 
 
 def _states(arrays: Arrays) -> tuple[dict[int, tuple[TrackState, ...]], dict[int, Camera]]:
+    # files of before have no counts
+    counts = arrays.get("looks.count", np.ones(len(arrays["looks"]), np.int64)).tolist()
     appearances = [
-        AppearanceModel(histogram, silhouette)
-        for histogram, silhouette in zip(arrays["looks"], arrays["looks.shape"], strict=True)
+        AppearanceModel(histogram, silhouette, count)
+        for histogram, silhouette, count in zip(
+            arrays["looks"], arrays["looks.shape"], counts, strict=True
+        )
     ]
     states: dict[int, tuple[TrackState, ...]] = {}
     for frame, box, blob_box, numbers, i in zip(

@@ -17,6 +17,7 @@ from nlens_video.effects.foreground.background import (
     CleanPlate,
     exposure_gain,
     sqrt_light,
+    tells_nothing,
 )
 from nlens_video.effects.foreground.detection import find_blobs, foreground_mask
 from nlens_video.effects.foreground.matte import soft_matte
@@ -69,6 +70,10 @@ class MovingForeground:
         box = reference.box_in_frame(source, camera)
         roots = reference.warp_lowres(picture, camera)
         model = reference.render_background(self.model, camera)
+        if tells_nothing(roots, model.roots):
+            return SeenBackground(
+                box=box, light=np.full((box.height, box.width, 3), np.nan, np.float32)
+            )
         mask = foreground_mask(model.normalised(roots), model.roots, model.noise)
         wide = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
         gain = exposure_gain(roots, model.roots)
@@ -103,6 +108,12 @@ class MovingForeground:
             return None
         roots = reference.warp_lowres(picture, camera)
         model = reference.render_background(self.model, camera)
+        if tells_nothing(roots, model.roots):  # the targets are where they are expected
+            near, order = (
+                reference.lowres_to_frame(one, camera, box)
+                for one in _silhouettes(states, roots.shape[:2])
+            )
+            return MovingMatte(box=box, coverage=near, before=order, background=picture.linear(box))
         near, in_front, mixed = _lowres_order(states, model.normalised(roots), model)
         wide = box.expanded(_CONTEXT_PX).intersection(known)
         prior = reference.lowres_to_frame(near, camera, wide) > 0.5
@@ -141,6 +152,22 @@ class MovingForeground:
             coc = 0.0 if fit is None else abs(float(fit.coc_px(disparity)[0]))
             widest = max(widest, coc + 0.5 * one.displacement_px * scale)
         return min(max(0.75 * widest, 1.0) + 1.0, 40.0)
+
+
+def _silhouettes(states: tuple[TrackState, ...], shape: tuple[int, ...]) -> tuple[Float32, Float32]:
+    """Mask of targets (h, w) by their mean silhouettes at low resolution, and their depth order.
+
+    Returns:
+        The mask; 1 in front of the object to 0 behind it (h, w) [1], also just beside the mask.
+    """
+    near, order = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+    whole = Box(0, 0, shape[1], shape[0])
+    for one in sorted(states, key=lambda one: one.disparity):  # the nearest last
+        inside = one.appearance.coverage(one.box, whole) > 0.5
+        near[inside] = 1.0
+        wide = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        order[wide] = one.in_front
+    return near, order
 
 
 def _lowres_order(

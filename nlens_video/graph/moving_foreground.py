@@ -17,9 +17,9 @@ from nlens_video.core.layers import Box
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.foreground.background import (
     BackgroundModel,
-    BackgroundSurvey,
     CleanPlate,
     exposure_gain,
+    tells_nothing,
 )
 from nlens_video.effects.foreground.background_depth import PlaneSweep
 from nlens_video.effects.foreground.detection import detect, foreground_mask
@@ -33,7 +33,11 @@ from nlens_video.effects.foreground.frame_sampler import (
 from nlens_video.effects.foreground.parallax_view import ParallaxView
 from nlens_video.effects.foreground.reference_view import ReferenceView, StaticView
 from nlens_video.effects.foreground.rotation_view import RotationView
-from nlens_video.effects.foreground.static_survey import SURVEY_INTERVAL_S, StaticCameraSurvey
+from nlens_video.effects.foreground.survey import (
+    SURVEY_INTERVAL_S,
+    BackgroundSurvey,
+    StaticCameraSurvey,
+)
 from nlens_video.effects.foreground.tracker import Tracker
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View
@@ -78,9 +82,11 @@ def find_moving_foreground(
         return None, Finding("nothing moves where the object stands")
     model = survey.model()
     if model is None:
-        return None, Finding("too few frames to know the background from")
+        return None, Finding("too few frames show the background")
     if not survey.is_static(model):
-        return None, Finding("the camera moves, or most of the picture; give --holdout PATH")
+        return None, Finding(
+            "the camera moves, or most of the picture changes; give --holdout PATH"
+        )
     certainty = model.certainty(object_box)
     if certainty < MIN_CERTAINTY:
         reason = f"only {certainty:.0%} of the background around the object is known"
@@ -134,8 +140,8 @@ def _survey_moving(
             survey = BackgroundSurvey(reference.size)
         eye = camera.world_from_camera[:3, 3]
         roots = reference.at_eye(eye).warp_lowres(frame.picture, camera)
-        survey.add(roots)
-        sweep.add(roots, eye)
+        if survey.add(roots):
+            sweep.add(roots, eye)
     if reference is None:
         return survey, StaticView((geometry.view.width, geometry.view.height)), times
     if not _MIN_PARALLAX < _parallax(geometry, times) <= _MAX_PARALLAX:
@@ -214,6 +220,10 @@ def _track(
             continue
         roots = reference.warp_lowres(picture, camera)
         background = reference.render_background(model, camera)
+        if tells_nothing(roots, background.roots):
+            cameras[frame.index] = camera
+            tracker.skip(frame.index)
+            continue
         is_sampled = sampler.takes_next
         gain = exposure_gain(roots, background.roots)
         sampler.add(reference.register_box(picture, camera, wide) / gain if is_sampled else None)

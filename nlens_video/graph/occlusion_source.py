@@ -8,7 +8,7 @@ from dataclasses import replace
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.finding import Finding
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.effects.occlusion_cues import OcclusionCue
 from nlens_video.graph.base.context import CocEstimator, OcclusionSource, ReadAgain
 from nlens_video.graph.base.objects_on_ground import is_placed

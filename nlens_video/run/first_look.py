@@ -15,7 +15,7 @@ from threading import Event
 from nlens_video.core import signals
 from nlens_video.core.layers import Picture
 from nlens_video.core.settings import Settings
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.effects.planner import OCCLUSION, EffectRequest
 from nlens_video.graph.scheduler import begin_in_thread, run_workers
 from nlens_video.run.plate_source import frame_s, opened

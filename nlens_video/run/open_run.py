@@ -13,7 +13,7 @@ from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
 from nlens_video.core.settings import Settings, SourceSettings
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.followed_lens import followed_distortion

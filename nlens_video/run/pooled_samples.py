@@ -17,7 +17,7 @@ from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.settings import Settings
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.effects.planner import EffectRequest
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.graph.session import LensPasses

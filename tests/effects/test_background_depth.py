@@ -9,11 +9,11 @@ from support import shots
 from support.rooms import room, room_disparities
 
 from nlens_video.core.layers import Box
-from nlens_video.effects.foreground.background import BackgroundSurvey
 from nlens_video.effects.foreground.background_depth import BackgroundDepth, PlaneSweep
 from nlens_video.effects.foreground.detection import detect, foreground_mask
 from nlens_video.effects.foreground.parallax_view import ParallaxView
 from nlens_video.effects.foreground.rotation_view import RotationView
+from nlens_video.effects.foreground.survey import BackgroundSurvey
 
 OBJECT = np.array([0.0, 0.0, -2.2])
 EYES = [np.array([0.04 * step - 0.14, shots.EYE_HEIGHT, 0.01 * step]) for step in range(8)]

@@ -7,10 +7,11 @@ import pytest
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Box
 from nlens_video.effects.foreground.appearance import segment
-from nlens_video.effects.foreground.background import BackgroundSurvey, exposure_gain, sqrt_light
+from nlens_video.effects.foreground.background import exposure_gain, sqrt_light
 from nlens_video.effects.foreground.detection import Detection, detect, foreground_mask
 from nlens_video.effects.foreground.frame_sampler import FrameSampler, upper_median
 from nlens_video.effects.foreground.matte import soft_matte
+from nlens_video.effects.foreground.survey import BackgroundSurvey
 from nlens_video.effects.foreground.tracker import Tracker
 from nlens_video.effects.occlusion import moving_mattes
 from nlens_video.effects.occlusion_cues import MovingMatte
@@ -77,6 +78,24 @@ def test_a_survey_tells_where_a_card_passes_and_where_nothing_moves():
     assert found.has_motion(Box(80, 40, 110, 80)) and not found.has_motion(Box(0, 104, 200, 120))
     assert found.certainty(Box(80, 40, 110, 80)) == 1.0
     assert survey.is_static(found)
+
+
+@pytest.mark.parametrize("at", [0, 1, 13, 27])
+@pytest.mark.parametrize("gain", [0.0, 0.05, 4.0], ids=["black", "faded", "flash"])
+def test_a_survey_is_told_nothing_by_a_black_frame_or_one_lit_by_a_flash(gain, at):
+    surveys = with_it, without = BackgroundSurvey(SHAPE[::-1]), BackgroundSurvey(SHAPE[::-1])
+    rng = np.random.default_rng(9)
+    for index in range(28):
+        roots = shot(index, scene())
+        if index == at and (gain > 0.0 or at > 0):
+            lit = gain * rng.uniform(0.6, 1.6, (*SHAPE, 1)) if gain > 1.0 else gain
+            with_it.add(np.minimum(np.sqrt(lit) * roots, 1.0).astype(np.float32))
+        for one in surveys:
+            one.add(roots)
+    found, wanted = (one.model() for one in surveys)
+    assert with_it.is_static(found)
+    assert np.array_equal(found.roots, wanted.roots)
+    assert np.array_equal(found.travelled, wanted.travelled)
 
 
 def view_of(kind, index, light):

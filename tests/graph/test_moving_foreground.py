@@ -95,6 +95,33 @@ def test_a_card_that_walks_behind_the_object_hides_the_ground_alone(scene):
     assert got.coverage.max() == 1.0 and got.before.max() == 0.0
 
 
+def flashed(index=11):
+    """Frames on which a card walks before the object, one of them lit by a flash."""
+    for frame in shot(1.9):
+        if frame.index == index:
+            frame.picture.array[:] = np.minimum(frame.picture.array * 1.9, 255)
+        yield frame
+
+
+def test_a_card_lit_by_a_flash_covers_the_object_by_its_outline_in_a_run_that_is_told_too(
+    scene, tmp_path
+):
+    view = View(width=shots.WIDTH, height=shots.HEIGHT)
+    moving, finding = find_moving_foreground(read_again(flashed), scene, view, 0.0)
+    assert finding.wanted
+    write_foreground(tmp_path / "found.npz", moving, finding)
+    told, _ = read_foreground(tmp_path / "found.npz")
+    frame, whole = list(flashed())[11], Box(0, 0, shots.WIDTH, shots.HEIGHT)
+    got, also = (one.on_frame(11).matte(frame.picture, whole, None) for one in (moving, told))
+    assert np.array_equal(got.coverage, also.coverage)
+    foot, left = round(row_of(1.9)), 10 + 19 * 11
+    card = np.zeros((shots.HEIGHT, shots.WIDTH), np.bool_)
+    card[foot - 150 : foot, left : left + 40] = True
+    card = card[got.box.slices_in(whole)]
+    assert np.abs(got.coverage - card).sum() < 0.12 * card.sum()
+    assert got.before[card].mean() > 0.95
+
+
 @pytest.mark.parametrize(
     ("what", "reason"),
     [

@@ -9,7 +9,7 @@ from support import shots, takes
 
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import settings
 from nlens_video.run import first_look as module

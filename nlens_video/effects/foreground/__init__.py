@@ -5,7 +5,7 @@ is inserted. Targets are detected and tracked at low resolution (`background.LOW
 
 1. `reference_view` with `rotation_view`, `parallax_view` and `background_depth`: frames are warped
    into one view, in which the background is at rest.
-2. `background` with `frame_sampler` and `static_survey`: background model by the temporal median.
+2. `background` with `frame_sampler` and `survey`: background model by the temporal median.
 3. `detection`: foreground mask, blobs, detections.
 4. `tracker` with `track`, `association`, `appearance` and `mutual_occlusion`: tracks of the targets
    through merged blobs, and their depth order with the object.

@@ -28,6 +28,9 @@ _MIN_VISIBILITY = 0.3  # visible fraction of a target below which it is hidden [
 _MIN_TRAVEL = 0.6  # way of a target that travels, by the size of its box [1]
 _MIN_JUMP = 0.08  # second difference of a position that is a jump, by the target's height [1]
 _BODY_HEIGHT = 0.6  # height of a person detected without legs, by the full height [1]
+_MEDIAN_RADIUS = 5  # frames to either side in the running median of the foot's disparity
+_ORDER_MARGIN = 0.025  # hysteresis of the order, by the object's distance [1]
+_FADE_FRAMES = 1  # frames to either side over which a change of the order fades
 _FULL_HEIGHT_QUANTILE = 0.75  # quantile of a track's heights that is the full height [1]
 
 
@@ -220,6 +223,38 @@ class Track:
     def _first_isolated(self, numbers: Iterable[int]) -> list[int]:
         """The first isolated ones of some of its frames, at most `_MOTION_WINDOW`."""
         return list(islice((i for i in numbers if self.isolated[i]), _MOTION_WINDOW))
+
+
+def smoothed_feet(track: Track) -> list[float]:
+    """Disparities of its foot, interpolated where that is hidden, by their running median."""
+    feet = np.array(track.foot_disparities)
+    known = ~np.isnan(feet)
+    frames = np.array(track.frames, float)
+    values = np.interp(frames, frames[known], feet[known])
+    return [
+        float(np.median(values[max(0, i - _MEDIAN_RADIUS) : i + _MEDIAN_RADIUS + 1]))
+        for i in range(len(values))
+    ]
+
+
+def depth_order(nearness: list[float]) -> list[float]:
+    """Depth order on each frame, with hysteresis: 0 behind the object to 1 in front.
+
+    Args:
+        nearness: distance of the object by that of the target, > 1 for a nearer target [1].
+    """
+    in_front = float(np.median(nearness[: 2 * _MEDIAN_RADIUS])) > 1.0
+    states = []
+    for near in nearness:
+        if near > 1.0 + _ORDER_MARGIN:
+            in_front = True
+        elif near < 1.0 - _ORDER_MARGIN:
+            in_front = False
+        states.append(float(in_front))
+    return [
+        float(np.mean(states[max(0, i - _FADE_FRAMES) : i + _FADE_FRAMES + 1]))
+        for i in range(len(states))
+    ]
 
 
 def _all_of_three(flags: npt.ArrayLike) -> Bool:

@@ -24,7 +24,7 @@ from nlens_video.effects.foreground.association import (
 )
 from nlens_video.effects.foreground.detection import Detection
 from nlens_video.effects.foreground.mutual_occlusion import Localization, MergedTarget, localize
-from nlens_video.effects.foreground.track import Track
+from nlens_video.effects.foreground.track import Track, depth_order, smoothed_feet
 
 _MAX_GAP_FRAMES = 8  # frames without a detection after which a track ends
 _MIN_OVERLAP_WITH_LAST = 0.1  # of a detection and the track's last box, by the smaller one [1]
@@ -33,9 +33,6 @@ _BACKTRACK_FRAMES = 48  # frames that are kept to backtrack a target that splits
 _MIN_EVIDENCE = 8.0  # log-likelihood ratio for a target on a frame that is backtracked
 _MAX_UNSEEN_FRAMES = 6  # frames without that evidence after which backtracking ends
 _CODE_SCALE = 200.0  # code of a square root of light of 1, on frames that are kept
-_MEDIAN_RADIUS = 5  # frames to either side in the running median of the foot's disparity
-_ORDER_MARGIN = 0.025  # hysteresis of the order, by the object's distance [1]
-_FADE_FRAMES = 1  # frames to either side over which a change of the order fades
 _MIN_NEARNESS = 0.4  # distance of the object, by that of the farthest target that matters [1]
 _MIN_STEADY_FRAMES = 8  # frames of a track from which its steadiness is judged
 
@@ -67,6 +64,7 @@ class Tracker:
     def __init__(self) -> None:
         self._tracks: list[Track] = []
         self._recent: deque[_Frame] = deque(maxlen=_BACKTRACK_FRAMES)
+        self._skipped: list[int] = []
 
     def add(
         self, index: int, detections: list[Detection], feet: list[float], contact: float,
@@ -98,6 +96,10 @@ class Tracker:
                 one.backtracked = True
                 self._backtrack(one)
         self._recent.append(frame)
+
+    def skip(self, index: int) -> None:
+        """Skip the next frame, which shows nothing: the targets go on as before and after it."""
+        self._skipped.append(index)
 
     def _update(self, frame: _Frame) -> None:
         index, detections, image = frame.index, frame.detections, frame.image
@@ -183,14 +185,14 @@ class Tracker:
         for track in self._tracks:
             if len(track.frames) < 3:
                 continue
-            feet = _running_median(_interpolate_feet(track))
+            feet = smoothed_feet(track)
             nearness = [
                 foot / contact
                 for foot, contact in zip(feet, track.contact_disparities, strict=True)
             ]
             if max(nearness) < _MIN_NEARNESS or not track.travels:
                 continue
-            order = _depth_order(nearness)
+            order = depth_order(nearness)
             for i, (frame, box, blob_box, in_front, foot) in enumerate(
                 zip(track.frames, track.boxes, track.blob_boxes, order, feet, strict=True)
             ):
@@ -198,42 +200,13 @@ class Tracker:
                 state = TrackState(box, blob_box, in_front, foot, moved, track.appearance)
                 fragments = [replace(state, blob_box=one) for one in track.fragments.get(frame, ())]
                 found.setdefault(frame, []).extend([state, *fragments])
+            for frame in self._skipped:
+                i = int(np.argmin(np.abs(np.array(track.frames) - frame)))
+                if abs(track.frames[i] - frame) <= _MAX_GAP_FRAMES:
+                    box = track.predict(frame)
+                    state = TrackState(box, box, order[i], feet[i], 0.0, track.appearance)
+                    found.setdefault(frame, []).append(state)
         return {frame: tuple(states) for frame, states in found.items()}
-
-
-def _interpolate_feet(track: Track) -> list[float]:
-    """Disparities of the foot, interpolated where it is hidden."""
-    feet = np.array(track.foot_disparities)
-    known = ~np.isnan(feet)
-    frames = np.array(track.frames, float)
-    return [float(one) for one in np.interp(frames, frames[known], feet[known])]
-
-
-def _running_median(values: list[float]) -> list[float]:
-    return [
-        float(np.median(values[max(0, i - _MEDIAN_RADIUS) : i + _MEDIAN_RADIUS + 1]))
-        for i in range(len(values))
-    ]
-
-
-def _depth_order(nearness: list[float]) -> list[float]:
-    """Depth order on each frame, with hysteresis: 0 behind the object to 1 in front.
-
-    Args:
-        nearness: distance of the object by that of the target, > 1 for a nearer target [1].
-    """
-    in_front = float(np.median(nearness[: 2 * _MEDIAN_RADIUS])) > 1.0
-    states = []
-    for near in nearness:
-        if near > 1.0 + _ORDER_MARGIN:
-            in_front = True
-        elif near < 1.0 - _ORDER_MARGIN:
-            in_front = False
-        states.append(float(in_front))
-    return [
-        float(np.mean(states[max(0, i - _FADE_FRAMES) : i + _FADE_FRAMES + 1]))
-        for i in range(len(states))
-    ]
 
 
 @dataclass(frozen=True, slots=True)

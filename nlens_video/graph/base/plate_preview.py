@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from nlens_video.core.layers import Picture
 from nlens_video.effects.beginning import Beginning
 from nlens_video.effects.camera.aperture_shape import ApertureReading, read_aperture
-from nlens_video.effects.foreground.static_survey import StaticCameraSurvey
+from nlens_video.effects.foreground.survey import StaticCameraSurvey
 from nlens_video.effects.measurement import (
     MOST_PICTURES,
     PLATE_EFFECTS,
