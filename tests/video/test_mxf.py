@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from support.clips import copy, copy_range, noise_frame, write_clip
 
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
+
 RATE = 48000
 BLOCK = 960
 """Samples of a block of sound [1]."""
@@ -25,13 +28,13 @@ def test_a_shot_without_cuts_gets_key_frames_as_often_as_its_index_requires(tmp_
     assert count(tmp_path / "out.mxf", "video") == 400
 
 
-def write_plate(path, sound_s, *, codec="pcm_s16le", layout="mono", size=(64, 48)):
-    """A clip of 40 pictures, 25 a second, and for some time a ramp as its sound."""
+def write_plate(path, sound_s, *, codec="pcm_s16le", layout="mono", size=(64, 48), pictures=40):
+    """A clip of some pictures, 25 a second, and for some time a ramp as its sound."""
     with av.open(str(path), "w") as out:
         video = out.add_stream("mpeg2video", 25)
         (video.width, video.height), video.pix_fmt = size, "yuv420p"
         sound = out.add_stream(codec, RATE, layout=layout)
-        for index in range(40):
+        for index in range(pictures):
             frame = noise_frame(*size, "yuv420p", index)
             frame.pts, frame.time_base = index, Fraction(1, 25)
             out.mux(video.encode(frame))
@@ -70,6 +73,19 @@ def test_sound_that_ends_before_the_pictures_costs_none_of_them(tmp_path, codec)
     assert count(tmp_path / "out.mxf", "video") == 40
     assert count(tmp_path / "out.mxf", "audio") == 40
     assert any("(audio)" in note for note in notes) == (codec == "mp2")
+
+
+def test_pictures_do_not_wait_in_memory_for_sound_that_has_ended(tmp_path):
+    plate, out = write_plate(tmp_path / "in.mov", 0.5, pictures=1000), tmp_path / "out.mxf"
+    with open_source(str(plate)) as source, open_sink(str(out), source.info) as sink:
+        source.packet_sink = sink.write_packet
+        for frame in source:
+            sink.write(frame)
+        (partial,) = tmp_path.glob(".*")
+        written = partial.stat().st_size
+        sink.commit()
+    assert count(out, "video") == 1000
+    assert written > 0.7 * out.stat().st_size  # the last 10 of 40 seconds may wait
 
 
 def test_dv_keeps_all_pictures_where_the_sound_ends_before_them(tmp_path):

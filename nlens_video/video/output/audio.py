@@ -109,8 +109,12 @@ class AudioEncoder:
         packets: list[av.Packet[AudioStream]] = []
         for part in self._resampler.resample(None):
             packets += self._place(part)
+        return packets + self.fill(until_s) + self._drain(last=True)
+
+    def fill(self, until_s: Fraction) -> list[av.Packet[AudioStream]]:
+        """Packets of silence where the sound so far ends before a time [s]."""
         end = (self._start or 0) + self._counted
-        return packets + self._silence(ceil(until_s * self._rate) - end) + self._drain(last=True)
+        return self._silence(ceil(until_s * self._rate) - end)
 
     def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
         """Append samples at their time stamp, after silence or without what overlaps if needed."""

@@ -25,7 +25,10 @@ _TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
 _ROTATION = (*MP4_FAMILY, "matroska", "webm")
 """Containers that store by how much pictures are turned when they are shown."""
 _PAIRED = ("mxf", "dv")
-"""Containers whose muxers drop pictures that the streams of sound do not reach."""
+"""Containers whose muxers hold pictures until the streams of sound reach them, or drop them."""
+_LATEST_SOUND_S = 10
+"""How long such a container waits for sound before there is silence, as FFmpeg's other muxers do:
+the pictures wait in memory."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
@@ -43,6 +46,7 @@ class CarriedStreams:
     def __init__(self, container: av.container.OutputContainer, info: SourceInfo) -> None:
         self._refused = 0
         self._ends_s = info.ends_s
+        self._frame_s = 1 / (info.average_rate or Fraction(25))
         self._container = container
         self._name = container.format.name
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
@@ -63,8 +67,7 @@ class CarriedStreams:
     @property
     def left_out(self) -> int:
         """Damaged packets so far, which are not in the result [1]."""
-        encoders = (one for one in self._targets.values() if isinstance(one, AudioEncoder))
-        return self._refused + sum(encoder.damaged for encoder in encoders)
+        return self._refused + sum(encoder.damaged for encoder in self._encoders)
 
     @property
     def cut_notes(self) -> tuple[str, ...]:
@@ -84,6 +87,16 @@ class CarriedStreams:
             packet.is_keyframe = True
             self._container.mux(packet)
         self._covers = []
+
+    def keep_up(self, pictures: int) -> None:
+        """Put silence where a container has waited for sound too long.
+
+        Args:
+            pictures: how many are written so far [1].
+        """
+        if self._name in _PAIRED:
+            for encoder in self._encoders:
+                self._container.mux(encoder.fill(pictures * self._frame_s - _LATEST_SOUND_S))
 
     def write(self, packet: Packet) -> None:
         """Write a packet, unless its stream is left out.
@@ -108,16 +121,19 @@ class CarriedStreams:
         except (av.InvalidDataError, av.ArgumentError):
             self._refused += 1
 
-    def finish(self, pictures_end_s: Fraction) -> None:
+    def finish(self, pictures: int) -> None:
         """Flush the encoders; call after all pictures.
 
         Args:
-            pictures_end_s: where they end, counted by their rate [s].
+            pictures: how many there are [1].
         """
-        until_s = pictures_end_s if self._name in _PAIRED else Fraction(0)
-        for target in self._targets.values():
-            if isinstance(target, AudioEncoder):
-                self._container.mux(target.finish(until_s))
+        until_s = pictures * self._frame_s if self._name in _PAIRED else Fraction(0)
+        for encoder in self._encoders:
+            self._container.mux(encoder.finish(until_s))
+
+    @property
+    def _encoders(self) -> list[AudioEncoder]:
+        return [one for one in self._targets.values() if isinstance(one, AudioEncoder)]
 
     def _add(self, stream: CopiedStream) -> str:
         """Add a stream; a note where it is not copied."""

@@ -142,6 +142,7 @@ class VideoSink(Sink):
         with self._writing():
             self._carried.begin()
             self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
+            self._carried.keep_up(self._written)
         signals.check()  # FFmpeg loses an interrupt that arrives while it writes
 
     def write_packet(self, packet: Packet) -> None:
@@ -174,7 +175,7 @@ class VideoSink(Sink):
     def _finish(self) -> None:
         with self._writing():
             self._container.mux(self._clock.retimed(self._stream.encode(None)))
-            self._carried.finish(self._written / (self._info.average_rate or Fraction(25)))
+            self._carried.finish(self._written)
             self._open = False
             self._container.close()
             if self._direct is not None:
