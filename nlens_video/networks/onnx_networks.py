@@ -33,6 +33,9 @@ _GPU_FAILED = (
 THREADS = 2
 """Threads that one call runs on."""
 
+_LEAST_JUDGEMENT, _GREATEST_JUDGEMENT = np.float32((0.0, -0.5)), np.float32((1.0, 0.5))
+"""Limits of what the repair network answers: a share, and a change of coverage [1]."""
+
 PRIOR = "log_coc_prior"
 """Key of the CoC network's metadata: mean and deviation of log(1 + CoC) in training, a blank
 between."""
@@ -216,7 +219,9 @@ class OnnxRepairNetwork:
         height, width, channels = geometry.shape
         if height % CELL or width % CELL or channels != CHANNELS:
             raise ValueError(f"{geometry.shape = } must be multiples of {CELL} by {CHANNELS} maps")
-        return self._session.run(geometry=geometry)[0]
+        judgement = self._session.run(geometry=geometry)[0]
+        # on processors without AVX-512 a sigmoid may exceed its limits by its rounding
+        return np.clip(judgement, _LEAST_JUDGEMENT, _GREATEST_JUDGEMENT)
 
 
 class OnnxPaperNetworks:
