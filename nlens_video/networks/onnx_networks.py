@@ -33,7 +33,7 @@ _GPU_FAILED = (
 THREADS = 2
 """Threads that one call runs on."""
 
-_LEAST_JUDGEMENT, _GREATEST_JUDGEMENT = np.float32((0.0, -0.5)), np.float32((1.0, 0.5))
+_LEAST_JUDGEMENT, _GREATEST_JUDGEMENT = np.array([[0.0, -0.5], [1.0, 0.5]], np.float32)
 """Limits of what the repair network answers: a share, and a change of coverage [1]."""
 
 PRIOR = "log_coc_prior"
