@@ -27,6 +27,7 @@ _GAIN_STRIDE = 29  # every so many pixels are compared for the gain
 _MIN_GAIN = 0.25
 """Gain of roots of light below which a frame is too dark, four stops below the background [1]."""
 _NOISE_OF_BLACK = 7.0 / 255.0  # error of a root of light near black, by a code of 8 bits [1]
+_FLASH_ROWS = 4  # every so many rows are looked at for a flash
 _MIN_BRIGHTER = 0.8  # share of brighter pixels among those that a flash changes [1]
 _MIN_UNEVEN = 0.33  # share of the pixels that a flash lights by another gain, or clips [1]
 MAX_AT_ONCE = 0.5
@@ -86,6 +87,7 @@ def is_dark(roots: Float32, background: Float32) -> bool:
 
 def is_flash(roots: Float32, background: Float32) -> bool:
     """Whether most of a frame (h, w, 3) is brighter, and not by one gain: a flash lights it."""
+    roots, background = roots[::_FLASH_ROWS], background[::_FLASH_ROWS]
     brighter = channel_max(roots - background) > np.float32(MIN_CHANGE)
     darker = channel_max(background - roots) > np.float32(MIN_CHANGE)
     changed = np.count_nonzero(brighter | darker)
