@@ -17,8 +17,8 @@ class Beginning:
     """Finds the first frame of a shot that tells its light.
 
     That is the first one, unless it is black or white: then the first that is neither and at which
-    the light has come to rest, so that a fade is over: it no longer changes away from how the shot
-    begins. Lamps that flicker rest.
+    the light has come to rest, so that a fade is over. It rests as soon as it no longer moves on in
+    the direction of the fade, so flickering lamps do not delay it.
 
     Attributes:
         rests: whether the light of a picture that shows something has come to rest.
@@ -31,7 +31,7 @@ class Beginning:
         self._dark = False
 
     def ends(self, picture: Picture) -> bool:
-        """Whether the next frame of the shot tells its light."""
+        """Whether a picture tells the light; called with each frame of the shot in order."""
         return self.ends_with(SmallPicture.of(picture))
 
     def ends_with(self, small: SmallPicture) -> bool:

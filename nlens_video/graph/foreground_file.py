@@ -150,7 +150,7 @@ def _state_arrays(found: MovingForeground) -> Arrays:
 
 
 def _states(arrays: Arrays) -> tuple[dict[int, tuple[TrackState, ...]], dict[int, Camera]]:
-    # files of before have no counts
+    # files of earlier versions have no counts
     counts = arrays.get("looks.count", np.ones(len(arrays["looks"]), np.int64)).tolist()
     appearances = [
         AppearanceModel(histogram, silhouette, count)

@@ -120,3 +120,9 @@ def write_plates(folder, *numbers, size=(32, 24)):
         )
         frame.save(str(folder / f"p_{number:04d}.png"))
     return folder / "p_%04d.png"
+
+
+def mux_sound(out, stream, resampler, block):
+    """Resample, encode and mux a block of sound; None for what the resampler still holds."""
+    for part in resampler.resample(block):
+        out.mux(stream.encode(part))

@@ -5,7 +5,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from support.clips import copy, copy_range, noise_frame, write_clip
+from support.clips import copy, copy_range, mux_sound, noise_frame, write_clip
 
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
@@ -45,10 +45,8 @@ def write_plate(path, sound_s, *, codec="pcm_s16le", layout="mono", size=(64, 48
             samples = ramp(start, BLOCK).repeat(channels)[None]
             block = av.AudioFrame.from_ndarray(samples, "s16", layout)
             block.sample_rate, block.pts, block.time_base = RATE, start, Fraction(1, RATE)
-            for part in resampler.resample(block):
-                out.mux(sound.encode(part))
-        for part in resampler.resample(None):
-            out.mux(sound.encode(part))
+            mux_sound(out, sound, resampler, block)
+        mux_sound(out, sound, resampler, None)
         out.mux([*sound.encode(None), *video.encode(None)])
     return path
 

@@ -5,7 +5,7 @@ from fractions import Fraction
 import av
 import numpy as np
 import pytest
-from support.clips import copy, copy_range, noise_frame, read_times
+from support.clips import copy, copy_range, mux_sound, noise_frame, read_times
 
 from nlens_video.video.input.source import open_source
 
@@ -41,10 +41,8 @@ def write_flash_and_beep(path, *, pictures_s=0, sound_s=0, codec="mp2", options=
                     index * BLOCK,
                     Fraction(1, RATE),
                 )
-                for part in resampler.resample(block):
-                    out.mux(sound.encode(part))
-        for part in resampler.resample(None):
-            out.mux(sound.encode(part))
+                mux_sound(out, sound, resampler, block)
+        mux_sound(out, sound, resampler, None)
         out.mux([*video.encode(None), *sound.encode(None)])
     return path
 

@@ -98,7 +98,11 @@ class Tracker:
         self._recent.append(frame)
 
     def skip(self, index: int) -> None:
-        """Skip the next frame, which shows nothing: the targets go on as before and after it."""
+        """Skip the next frame, which shows nothing: targets are placed on it by their motion.
+
+        Args:
+            index: number of the frame [1].
+        """
         self._skipped.append(index)
 
     def _update(self, frame: _Frame) -> None:
