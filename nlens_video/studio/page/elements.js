@@ -7,6 +7,16 @@ const SVG = "http://www.w3.org/2000/svg";
 /** @template {Element} [T=HTMLElement] @param {string} id @returns {T} */
 export const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.getElementById(id)));
 
+/** @param {string} id */
+export const field = (id) => /** @type {HTMLInputElement} */ (one(id));
+
+/** @param {string} id @param {string | number} value */
+export function setUnlessTyping(id, value) {
+  const input = field(id);
+  const typing = document.activeElement === input && (input.type === "number" || input.type === "text");
+  if (!typing) input.value = String(value);
+}
+
 /** A shape in fractions of the frame. @param {string} kind @param {{[name: string]: string | number}} attributes */
 export function shape(kind, attributes) {
   const drawn = document.createElementNS(SVG, kind);

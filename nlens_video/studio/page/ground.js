@@ -3,6 +3,8 @@
 /** @typedef {[number, number]} Point */
 /** @typedef {{at: Point, size: number, yaw: number}} Place */
 
+/** Of an object that neither shot nor picture places. @type {Place} */
+export const FIRST_PLACE = { at: [0.5, 0.8], size: 0.35, yaw: 0 };
 const NEAREST = 0.02; // below the horizon: beyond it the object would be out of sight
 
 /** @param {Point | null} horizon rows at the left and the right border @param {number} column */

@@ -1,4 +1,4 @@
-// What the panel beside the picture says: effects and notes.
+// What the panel beside the picture says: effects, the plate's blur, times and notes.
 
 import { one } from "./elements.js";
 
@@ -42,6 +42,19 @@ export function switched(given, name, on) {
   if (["auto", "all", "none"].includes(words[0] ?? "")) return [...words, `${on ? "+" : "-"}${name}`].join(",");
   if (on) words.push(name);
   return words.filter(Boolean).join(",") || "none";
+}
+
+/** @param {any} said of the plate's blur @param {boolean} shown it is what the picture shows */
+export function showFocus(said, shown) {
+  one("lens").textContent = said.lens || "no lens is found";
+  one("plot").innerHTML = said.plot;
+  one("plot-figure").hidden = !said.plot || !shown;
+  one("ramp").replaceChildren(...said.ramp.map((/** @type {number[]} */ color) => {
+    const part = document.createElement("i");
+    part.style.background = `rgb(${color.join(" ")})`;
+    return part;
+  }));
+  one("top").textContent = `${said.top_px.toFixed(1)} px and more`;
 }
 
 /**

@@ -1,6 +1,6 @@
 // A box or a polygon drawn on the picture: the part of the frame on whose ground the lens is fitted.
 
-import { listed, one } from "./elements.js";
+import { field, listed, one, setUnlessTyping } from "./elements.js";
 
 /** @typedef {[number, number]} Point */
 
@@ -8,7 +8,7 @@ const DRAGGED_PX = 6; // a shorter way is a click, which sets a corner
 const CLOSING_PX = 14; // a click so near to the first corner closes the polygon
 const DIGITS = 3;
 
-export class RegionPen {
+class RegionPen {
   /** @param {(numbers: number[] | null) => void} onRegion takes the drawn region, null where drawing was given up */
   constructor(onRegion) {
     this.onRegion = onRegion;
@@ -103,6 +103,73 @@ export class RegionPen {
   /** @param {Point[]} points */
   show(points) {
     this.sketch.setAttribute("points", listed(points));
+  }
+}
+
+/** The region's controls: drawn with the pen, or typed. */
+export class RegionPanel {
+  /**
+   * @param {import("./shot.js").Shot} shot
+   * @param {(kind: string) => void} changed
+   */
+  constructor(shot, changed) {
+    this.shot = shot;
+    this.changed = changed;
+    this.pen = new RegionPen((numbers) => {
+      this.say(false);
+      if (numbers) this.set(numbers);
+    });
+    one("draw-region").addEventListener("click", () => this.draw());
+    one("clear-region").addEventListener("click", () => this.set(undefined));
+    field("region").addEventListener("change", () => this.read());
+  }
+
+  /** @type {number[] | null} as the shot says */
+  get region() {
+    return this.shot.get("lens", "fit-region") ?? null;
+  }
+
+  /** Show what the shot says. */
+  show() {
+    setUnlessTyping("region", this.region?.join(", ") ?? "");
+    one("clear-region").hidden = !this.region;
+  }
+
+  /** Begin to draw, or give it up. */
+  draw() {
+    const on = one("draw-region").getAttribute("aria-pressed") !== "true";
+    if (!on) {
+      this.pen.end(null);
+      return;
+    }
+    this.say(true);
+    this.pen.start();
+    one("stage").scrollIntoView({ block: "nearest" });
+  }
+
+  read() {
+    const words = field("region").value.split(/[\s,;]+/).filter(Boolean);
+    const wrong = words.find((word) => !Number.isFinite(Number(word)));
+    if (wrong === undefined) this.set(words.length ? words.map(Number) : undefined);
+    else this.wrong(`${wrong} is no number; the region is left as it was`);
+  }
+
+  /** @param {number[] | undefined} numbers */
+  set(numbers) {
+    this.shot.set("lens", { "fit-region": numbers });
+    this.changed("rest");
+  }
+
+  /** @param {boolean} on whether a region is being drawn */
+  say(on) {
+    one("draw-region").setAttribute("aria-pressed", String(on));
+    one("drawing").textContent = on ? "Drag a box over the ground, or click the corners of a polygon and then its first one again. Escape gives up." : "";
+  }
+
+  /** @param {string} words */
+  wrong(words) {
+    one("region-wrong").textContent = words;
+    one("region-wrong").hidden = !words;
   }
 }
 

@@ -1,0 +1,43 @@
+// Lines for the user: what is being drawn, why there is no picture, what the server refused.
+
+import { one } from "./elements.js";
+import { Refusal } from "./server.js";
+
+/** @param {string} words */
+export function busy(words) {
+  one("busy").textContent = words;
+}
+
+/** Why there is no picture, or no render of it. @param {string} words */
+export function trouble(words) {
+  one("trouble").textContent = words;
+  one("trouble").hidden = !words;
+}
+
+/**
+ * What the server refused to do, said until the next attempt or change.
+ * @param {string} words
+ * @param {(() => void) | null} [overwrite] where another page or program changed the shot file
+ */
+export function refused(words, overwrite = null) {
+  one("refused-why").textContent = words;
+  one("refused").hidden = !words;
+  one("shot-changed").hidden = !overwrite;
+  one("overwrite").onclick = overwrite;
+  if (words) one("refused").scrollIntoView({ block: "nearest" });
+}
+
+/**
+ * Do what the server may refuse, and say why.
+ * @param {() => Promise<void>} act
+ * @param {() => void} [overwrite] does the same where another page or program changed the shot file
+ */
+export async function attempt(act, overwrite) {
+  try {
+    await act();
+    refused("");
+  } catch (error) {
+    const other = error instanceof Refusal && error.changed;
+    refused(error instanceof Error ? error.message : String(error), (other && overwrite) || null);
+  }
+}
