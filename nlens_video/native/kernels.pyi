@@ -49,6 +49,8 @@ def blend_triangles(
 ) -> None: ...
 
 # animation.cpp
+STEP_LEAD_S: float
+
 def sample_tracks(
     time_s: float, tracks: _Int64, times: Float64, values: Float64, out: Float64, /
 ) -> None: ...
@@ -278,6 +280,7 @@ def blur_plane_rows(
 
 # projection.cpp; positions of any strides for `screen_bounds`
 def project(positions: Float32, lens: Float64, points: Float64, /) -> None: ...
+def screen_places(positions: Float32 | Float64, lens: Float64, found: Float64, /) -> None: ...
 def screen_bounds(
     positions: Float32 | Float64, lens: Float64, /
 ) -> tuple[float, float, float, float, float, float]: ...
@@ -479,6 +482,15 @@ def absorb(
 ) -> None: ...
 
 # skinning.cpp
+def carry(
+    positions: Float32,
+    directions: Float32,
+    carrier: Float64,
+    turner: Float64,
+    placed: Float32,
+    turned: Float32,
+    /,
+) -> None: ...
 def skin(
     positions: Float32,
     directions: Float32,

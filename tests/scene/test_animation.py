@@ -43,7 +43,28 @@ def test_first_and_last_key_hold_outside_the_key_range(tmp_path, interpolation, 
 def test_step_interpolation_keeps_the_earlier_key(tmp_path):
     values = [[0, 0, 0], [4, 0, 0], [8, 0, 0]]
     scene = moved(GlbBuilder(), tmp_path, "translation", [0, 1, 2], values, "STEP")
-    assert [first(scene, t)[0] for t in (0.999, 1.0, 1.999, 2.0)] == [-1, 3, 3, 7]
+    assert [first(scene, t)[0] for t in (0.998, 1.0, 1.998, 2.0)] == [-1, 3, 3, 7]
+
+
+@pytest.mark.parametrize("fps", [24.0, 25.0, 30.0, 30000 / 1001, 60.0])
+@pytest.mark.parametrize("clock", [float, lambda time_s: round(1000 * time_s) / 1000])
+def test_value_that_steps_is_that_of_the_frame_its_key_was_set_on(tmp_path, fps, clock):
+    """Files hold times in float32, and Matroska those of frames in milliseconds."""
+    times = (np.arange(48) / fps).astype(np.float32)
+    values = np.outer(np.arange(48), [1, 0, 0])
+    scene = moved(GlbBuilder(), tmp_path, "translation", times, values, "STEP")
+    shown = [first(scene, clock(frame / fps))[0] + 1.0 for frame in range(48)]
+    assert shown == list(range(48))
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0])
+def test_place_is_left_at_once_right_before_the_frame_of_its_key(tmp_path, fps):
+    times, values = (np.arange(3) / fps).astype(np.float32), [[0, 0, 0], [4, 0, 0], [8, 0, 0]]
+    scene = moved(GlbBuilder(), tmp_path, "translation", times, values, "STEP")
+    jumps = scene.jumps(0.5 / fps, 1.5 / fps)
+    assert jumps == [pytest.approx(1.0 / fps, abs=2e-3)]
+    assert jumps[0] < 1.0 / fps
+    assert [first(scene, jumps[0] + side)[0] for side in (-1e-6, 1e-6)] == [-1, 3]
 
 
 def test_cubic_spline_scales_its_tangents_by_the_length_of_the_interval(tmp_path):

@@ -9,6 +9,7 @@ namespace nlens {
 namespace {
 
 constexpr int kStep = 0, kCubic = 2;
+constexpr double kStepLead = 1e-3;  // by which a value that steps comes before its key [s]
 constexpr double kAlike = 1e-6;  // sine of the angle between rotations, below which their weights are linear
 
 // A row of `tracks`, see `sample_tracks` in `animation_kernels.py`.
@@ -49,7 +50,7 @@ void normalize(double* rotation) {
 
 void sample_one(const Track& track, double time_s, const double* times, Array<const double, 3> values,
                 double* target) {
-    const auto key = key_before(times, track.count, time_s);
+    const auto key = key_before(times, track.count, track.kind == kStep ? time_s + kStepLead : time_s);
     double u = 0.0, span = 0.0;
     if (0 <= key && key < track.count - 1) {
         span = times[key + 1] - times[key];
@@ -131,6 +132,7 @@ void multiply_nodes(Array<const double, 2> local, Array<const std::int64_t, 2> o
 }  // namespace
 
 void bind_animation(nanobind::module_& module) {
+    module.attr("STEP_LEAD_S") = kStepLead;
     module.def("sample_tracks", &sample_tracks, Unlocked());
     module.def("multiply_nodes", &multiply_nodes, Unlocked());
 }

@@ -17,6 +17,9 @@ from nlens_video.native import kernels
 
 Table = npt.NDArray[np.int64]
 STEP, LINEAR, CUBIC = 0, 1, 2
+STEP_LEAD_S = kernels.STEP_LEAD_S
+"""By which a value that steps comes before its key: times of keys are rounded to float32, those of
+frames to as much as 1 ms, and on the frame of a key its value is seen [s]."""
 
 
 def sample(time_s: float, tracks: Table, times: Float64, values: Float64, out: Float64) -> None:
@@ -52,7 +55,8 @@ def sample_ref(
     time_s: float, times: Sequence[float], values: Float64, kind: int, *, turns: bool
 ) -> Float64:
     """Value (W,) of a track with values (K, 3, W) at a time; its ends hold before and after."""
-    held = float(np.clip(time_s, times[0], times[-1]))
+    lead_s = STEP_LEAD_S if kind == STEP else 0.0
+    held = float(np.clip(time_s + lead_s, times[0], times[-1]))
     key = int(np.searchsorted(times, held, side="right")) - 1
     if key == len(times) - 1 or kind == STEP:
         result = values[key, 1]

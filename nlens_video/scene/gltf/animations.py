@@ -15,7 +15,7 @@ import numpy.typing as npt
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.core.objects import ALL
-from nlens_video.scene.gltf.animation_kernels import STEP, sample
+from nlens_video.scene.gltf.animation_kernels import STEP, STEP_LEAD_S, sample
 from nlens_video.scene.gltf.document import Document
 
 TrackKey = tuple[int, str]
@@ -48,10 +48,10 @@ class AnimationTrack:
         return bool((values[1:, 1] != values[:1, 1]).any() or values[:, ::2].any())
 
     def steps(self) -> Iterator[float]:
-        """Times of the keys whose value is another than that of the key before [s]."""
+        """Times at which the value becomes another, those of its keys but for the lead [s]."""
         values = self.values[:, 1]
         for key in np.flatnonzero((values[1:] != values[:-1]).any(axis=1)):
-            yield self.times[key + 1]
+            yield self.times[key + 1] - STEP_LEAD_S
 
 
 @dataclass(slots=True)
@@ -62,7 +62,7 @@ class Animation:
         tracks: animated properties; each node's property at most once.
         start_s: time of the first key of what changes [s]; None where nothing does.
         duration_s: time of the last key [s]; 0 where nothing is animated.
-        steps: times of the keys that change a value at once, from the first on [s].
+        steps: times at which a value changes at once, from the first on [s].
     """
 
     tracks: tuple[AnimationTrack, ...]
