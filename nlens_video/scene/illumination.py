@@ -92,8 +92,8 @@ def _read_light(item: Fields) -> Light:
     outer = min(spot.number("outerConeAngle", math.pi / 4.0), math.pi / 2.0)
     return Light(
         kind=item.choice("type", _KINDS),
-        color=item.vector("color", 3, (1.0, 1.0, 1.0)),
-        intensity=item.number("intensity", 1.0),
+        color=item.color("color", (1.0, 1.0, 1.0)),
+        intensity=item.not_negative("intensity", 1.0),
         range=item.positive("range"),
         inner_cone=max(0.0, min(spot.number("innerConeAngle", 0.0), outer)),
         outer_cone=outer,

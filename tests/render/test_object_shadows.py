@@ -155,11 +155,12 @@ def test_a_cutout_casts_its_holes_and_glass_casts_nothing(tmp_path, renderer):
     assert (one == other).all()
 
 
+@pytest.mark.parametrize("hiding", [0.5, 0.9])
 @pytest.mark.parametrize("renderer", RENDERERS)
-def test_what_alpha_blends_casts_a_shadow_where_it_hides_half(tmp_path, renderer):
+def test_what_alpha_blends_casts_a_shadow_where_it_hides_half(tmp_path, renderer, hiding):
     lamp = Lamp(sun(np.full(3, 2.0), slanted(1.4)), math.radians(0.5))
     lit, dark = {}, {}
-    for mode, alpha in (("OPAQUE", 1.0), ("BLEND", 0.9)):
+    for mode, alpha in (("OPAQUE", 1.0), ("BLEND", hiding)):
         scene = slab_below_a_card(tmp_path, alpha=alpha, alphaMode=mode)
         lit[mode], seen = (
             picture(renderer, scene, [lamp], above(), shadows=on) for on in (False, True)

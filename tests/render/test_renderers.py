@@ -6,8 +6,8 @@ import math
 import numpy as np
 import PIL.Image
 import pytest
-from support.glb_builder import QUAD, QUAD_UV, GlbBuilder
-from support.quads import LAMBERT, camera_at, material, quad, unlit
+from support.glb_builder import QUAD, QUAD_FACES, QUAD_UV, GlbBuilder
+from support.quads import LAMBERT, NORMALS, camera_at, material, quad, unlit
 from support.quads import draw as draw_with
 
 from nlens_video.core.errors import NlensError
@@ -202,21 +202,81 @@ def test_ambient_occlusion_darkens_only_ambient_light(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("base", "metallic", "expected"),
-    [
-        (1.0, 1.0, 1.0),  # a rough white mirror returns all light
-        (0.0, 0.0, 0.0165),  # Karis: 0.04 * 0.452 - 0.0024, and 5 % of that between facets
-    ],
+    ("base", "metallic"),
+    [(1.0, 1.0), (0.5, 1.0), (0.0, 0.0)],  # white metal returns all light
 )
-def test_rough_surface_in_even_light_reflects_its_share(tmp_path, base, metallic, expected):
+@pytest.mark.parametrize("roughness", [0.1, 0.2, 0.4, 0.6, 1.0])
+@pytest.mark.parametrize("tilt_deg", [0.0, 50.0, 75.0])
+def test_surface_in_even_light_reflects_the_integral_of_its_lobe(
+    tmp_path, base, metallic, roughness, tilt_deg
+):
     builder = GlbBuilder()
-    pbr = {"metallicFactor": metallic, "roughnessFactor": 1.0}
-    quad(builder, number=material(builder, (base, base, base, 1), {}, pbr=pbr))
+    pbr = {"metallicFactor": metallic, "roughnessFactor": roughness}
+    half = math.radians(0.5 * tilt_deg)
+    node = {"rotation": [0.0, math.sin(half), 0.0, math.cos(half)]}
+    quad(builder, number=material(builder, (base, base, base, 1), {}, pbr=pbr), node=node)
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
     light = Illumination((), hemispheres(np.ones(3), np.ones(3)))
     with ObjectRenderer(scene, SceneLight(0, light)) as renderer:
         rgba, _ = centre(renderer.render(0.0, camera_at(4.0)))
-    assert rgba[0] == pytest.approx(expected, rel=0.01)
+    scale, bias = lobe_integral(math.cos(math.radians(tilt_deg)), roughness)
+    f0 = base if metallic else 0.04
+    once = f0 * scale + bias
+    assert rgba[0] == pytest.approx(once * (1.0 + f0 * (1.0 / (scale + bias) - 1.0)), rel=0.06)
+
+
+def lobe_integral(view, roughness, count=200):
+    """The GGX lobe with Smith's masking over all light: what F0 is multiplied by, what is added."""
+    a2 = roughness**4
+    u, v = (np.indices((count, count)) + 0.5) / count
+    cosine = np.sqrt((1 - u) / (1 + (a2 - 1) * u))  # half vectors, as often as facets face them
+    sine = np.sqrt(1 - cosine**2)
+    to_half = math.sqrt(1 - view**2) * sine * np.cos(2 * math.pi * v) + view * cosine
+    light = 2 * to_half * cosine - view
+    seen = (light > 0) & (to_half > 0)
+    light = np.where(seen, light, 1.0)
+    masked = light * np.sqrt(view**2 * (1 - a2) + a2) + view * np.sqrt(light**2 * (1 - a2) + a2)
+    weight = np.where(seen, 2 * light * to_half / (cosine * masked), 0.0)
+    edge = (1 - np.clip(to_half, 0, 1)) ** 5
+    return ((1 - edge) * weight).mean(), (edge * weight).mean()
+
+
+@pytest.mark.parametrize("cutoff", [0.3, 0.5, 1.0])
+@pytest.mark.parametrize("vertex", [False, True])
+def test_surface_whose_alpha_is_that_of_its_cutoff_is_whole(tmp_path, cutoff, vertex):
+    builder = GlbBuilder()
+    alpha = {"COLOR_0": np.tile(np.float32([1, 1, 1, cutoff]), (4, 1))} if vertex else {}
+    color = (1, 1, 1, 1.0 if vertex else cutoff)
+    quad(builder, number=unlit(builder, color, alphaMode="MASK", alphaCutoff=cutoff), **alpha)
+    layer = draw(builder, tmp_path)
+    inner = layer.rgba[4:-4, 4:-4]
+    assert inner.size and (inner[..., 3] == 1.0).all()
+
+
+def test_texture_whose_alpha_is_that_of_the_cutoff_is_whole(tmp_path):
+    builder = GlbBuilder()
+    texel = np.full((4, 4, 4), (255, 255, 255, 128), np.uint8)
+    told = {"pbr": {"baseColorTexture": {"index": builder.texture(texel)}}}
+    cut = unlit(builder, alphaMode="MASK", alphaCutoff=128 / 255, **told)
+    quad(builder, number=cut, TEXCOORD_0=QUAD_UV)
+    layer = draw(builder, tmp_path)
+    assert layer is not None and (layer.rgba[4:-4, 4:-4, 3] == 1.0).all()
+
+
+def test_morph_targets_may_turn_normals_alone(tmp_path):
+    def lit(**places):
+        builder = GlbBuilder()
+        turn = np.tile(np.float32([1, 0, -0.5]), (4, 1))
+        mesh = builder.mesh(
+            QUAD, QUAD_FACES, material=material(builder), NORMAL=NORMALS,
+            targets=[{"NORMAL": turn, **places}], weights=[0.5],
+        )  # fmt: skip
+        builder.node(mesh=mesh)
+        builder.light(intensity=math.pi)
+        return centre(draw(builder, tmp_path))[0][0]
+
+    assert lit() == pytest.approx(0.75 / math.hypot(0.5, 0.75), rel=3e-3)
+    assert lit(POSITION=np.zeros((4, 3), np.float32)) == lit()
 
 
 def test_more_than_four_lights_of_a_kind_add_up(tmp_path):

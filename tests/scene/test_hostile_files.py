@@ -272,3 +272,31 @@ def test_control_characters_of_names_are_escaped_in_messages(tmp_path):
     (tmp_path / "scene.glb").write_bytes(builder.bytes())
     with pytest.raises(SceneError, match=r"one of a b \[31m$"):
         Scene.load(tmp_path / "scene.glb", Playback(animation="c"))
+
+
+@pytest.mark.parametrize(
+    ("extension", "field", "told"),
+    [
+        ("KHR_materials_ior", {"ior": -1.0}, "a number from 0 to"),
+        ("KHR_materials_emissive_strength", {"emissiveStrength": 1e39}, "a number from 0 to"),
+    ],
+)
+def test_surfaces_that_no_light_can_leave_are_refused(tmp_path, extension, field, told):
+    builder = rich()
+    builder.document["materials"][0].setdefault("extensions", {})[extension] = field
+    refused(builder.bytes(), tmp_path, rf"materials\[0\].*{told}")
+
+
+@pytest.mark.parametrize(
+    ("field", "told"),
+    [
+        ({"intensity": 1e39}, "a number from 0 to"),
+        ({"intensity": -1.0}, "a number from 0 to"),
+        ({"color": [1.0, -0.5, 1.0]}, "3 numbers that are not below 0"),
+    ],
+)
+def test_lights_of_impossible_brightness_are_refused(tmp_path, field, told):
+    builder = rich()
+    lights = builder.document["extensions"]["KHR_lights_punctual"]["lights"]
+    lights[0] |= field
+    refused(builder.bytes(), tmp_path, rf"lights\[0\].*{told}")

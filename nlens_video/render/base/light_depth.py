@@ -23,6 +23,7 @@ from nlens_video.native import kernels
 from nlens_video.render.base.mapped_lamps import mapped_lamps
 from nlens_video.render.base.opacity import Opacities, texturing
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.gltf.materials import ALPHA_ROUNDING
 from nlens_video.scene.illumination import Lamp
 from nlens_video.scene.posed import PosedMesh, PosedScene, bounds_of
 
@@ -36,7 +37,7 @@ _BANDS = 2  # of a map, for each thread: some rows take longer than others
 _MARGIN = 2  # around the object [px]
 _LIFT = 0.02  # of points whose triangle faces away from the light [1]
 _BESIDE = 1.1  # from its middle: maps of nearer lamps look at its bounds [its radius]
-_HALF = 0.5  # alpha from which on blended surfaces block the light [1]
+_HALF = 0.5 - ALPHA_ROUNDING  # alpha from which on blended surfaces block the light [1]
 _TURN = math.atan(0.15)  # of a map: edges along the scene's axes lie across its pixels [rad]
 _NOTHING = np.float32(-3.0e38)  # nearness where nothing is
 

@@ -14,6 +14,8 @@ from nlens_video.core.errors import SceneError
 
 LARGEST = 1e18
 """Of coordinates and scales: the product of two is still a float32."""
+BRIGHTEST = 1e12
+"""Of what lamps and surfaces send out: what is lit by it is still a float32."""
 _T = TypeVar("_T", bound=int | str)
 _Float = TypeVar("_Float", np.float32, np.float64)
 
@@ -71,6 +73,13 @@ class Fields:
             raise self.wrong(key, "a finite number")
         return float(value)
 
+    def not_negative(self, key: str, default: float) -> float:
+        """A number from 0 to `BRIGHTEST`; `default` where it is absent."""
+        value = self.number(key, default)
+        if not 0.0 <= value <= BRIGHTEST:
+            raise self.wrong(key, f"a number from 0 to {BRIGHTEST:g}")
+        return value
+
     def positive(self, key: str) -> float | None:
         """A number above 0, or None where it is absent."""
         value = self.number(key) if key in self.data else None
@@ -94,6 +103,13 @@ class Fields:
         if not isinstance(value, list) or len(value) != size or not all(map(_is_finite, value)):
             raise self.wrong(key, f"{size} finite numbers")
         return tuple(map(float, value))
+
+    def color(self, key: str, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Three finite numbers, none below 0; `default` where they are absent."""
+        value = self.vector(key, 3, default)
+        if min(value) < 0.0:
+            raise self.wrong(key, "3 numbers that are not below 0")
+        return value
 
     def integers(self, key: str, below: int) -> tuple[int, ...]:
         """A list of indices below `below`; empty where it is absent."""

@@ -10,6 +10,8 @@ from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
 from nlens_video.scene.gltf.textures import TextureReader, TextureUse
 
+ALPHA_ROUNDING = 1e-4
+"""By which cutoffs are lower than their files have them: alpha is filtered and interpolated."""
 _BLACK, _OPAQUE = 1e-6, 80.0  # a colour that lets nothing through, and the depth of one
 AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
 _ALPHA_MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
@@ -161,10 +163,10 @@ def read_materials(document: Document) -> tuple[Material, ...]:
 def _read_material(textures: TextureReader, item: Fields) -> Material:
     pbr = item.child("pbrMetallicRoughness")
     strength = _extension(item, "KHR_materials_emissive_strength")
-    gain = strength.number("emissiveStrength", 1.0)
+    gain = strength.not_negative("emissiveStrength", 1.0)
     specular = _extension(item, "KHR_materials_specular")
     color = specular.vector("specularColorFactor", 3, (1.0, 1.0, 1.0))
-    n = _extension(item, "KHR_materials_ior").number("ior", 1.5)
+    n = _extension(item, "KHR_materials_ior").not_negative("ior", 1.5)
     coat = _extension(item, "KHR_materials_clearcoat")
     sheen = _extension(item, "KHR_materials_sheen")
     stretched = _extension(item, "KHR_materials_anisotropy")
@@ -175,14 +177,14 @@ def _read_material(textures: TextureReader, item: Fields) -> Material:
     reflectance = 1.0 if n == 0.0 else ((n - 1.0) / (n + 1.0)) ** 2
     base_color = pbr.vector("baseColorFactor", 4, (1.0, 1.0, 1.0, 1.0))
     alpha_mode = item.choice("alphaMode", _ALPHA_MODES, "OPAQUE")
-    alpha_cutoff = item.number("alphaCutoff", 0.5)
+    alpha_cutoff = max(0.0, item.number("alphaCutoff", 0.5) - ALPHA_ROUNDING)
     of_texture = _texture_cutoff(alpha_mode, alpha_cutoff, base_color[3])
     return Material(
         name=item.name,
         base_color=base_color,
         metallic=pbr.number("metallicFactor", 1.0),
         roughness=pbr.number("roughnessFactor", 1.0),
-        emissive=tuple(gain * v for v in item.vector("emissiveFactor", 3, (0.0, 0.0, 0.0))),
+        emissive=tuple(gain * v for v in item.color("emissiveFactor", (0.0, 0.0, 0.0))),
         specular=specular.number("specularFactor", 1.0),
         f0=tuple(reflectance * c for c in color),
         alpha_mode=alpha_mode,

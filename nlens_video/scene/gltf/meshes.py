@@ -259,9 +259,9 @@ class _PrimitiveReader:
 
     def _targets(self, item: Fields, key: str, count: int) -> Float32 | None:
         targets = item.children("targets")
+        if not any(one in target for target in targets for one in {"NORMAL", key}):
+            return None  # places stay at 0 where normals alone move
         found = [self._optional(target, key, 3, count) for target in targets]
-        if all(values is None for values in found):
-            return None
         zero = np.zeros((count, 3), np.float32)
         return np.stack([zero if values is None else values for values in found])
 

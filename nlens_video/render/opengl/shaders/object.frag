@@ -336,14 +336,36 @@ vec3 mirrored_light(vec3 d, float roughness, vec3 soft)
     return soft;
 }
 
-// Share of even light that a rough mirror of that colour reflects: Karis's fit (2014) with a power
-// for its exponential, and what bounces between facets (Fdez-Aguera 2019).
+// A quadratic of y, and of x and y by its rows.
+float quadratic(vec3 c, float y)
+{
+    return c.x + y * (c.y + y * c.z);
+}
+float biquadratic(vec3 still, vec3 once, vec3 twice, float x, float y)
+{
+    return quadratic(still, y) + x * (quadratic(once, y) + x * quadratic(twice, y));
+}
+
+// Share of even light that a rough mirror of that colour reflects: a fit of the lobe's integral with
+// Schlick's edge (`rough_mirror` in `light.h`), and what bounces between facets (Fdez-Aguera 2019).
 vec3 mirrored(vec3 color, float edge, float nv, float roughness)
 {
-    float gloss = 1.0 - roughness, away = (1.0 - nv) * (1.0 - nv);
-    float bend = min(gloss * gloss, away * away * away) * gloss + 0.0425 - 0.0275 * roughness;
-    float scale = 1.04 - 0.572 * roughness - 1.04 * bend;
-    float bias = 1.04 * bend - 0.04 + 0.022 * roughness;
+    float alpha = roughness * roughness;
+    float scale = biquadratic(
+        vec3(0.03316, 8.70555, -6.2036), vec3(2.42758, -16.24609, 19.20866),
+        vec3(9.5918, 2.49477, -12.18657), nv, alpha
+    ) / biquadratic(
+        vec3(1.0, 6.76272, -4.8963), vec3(-0.08257, -1.65557, 13.42527),
+        vec3(11.08393, -11.41159, 11.4047), nv, alpha
+    );
+    float bias = biquadratic(
+        vec3(0.92646, 0.12232, 0.18276), vec3(-2.19505, 0.88655, -1.37967),
+        vec3(1.28238, -1.09258, 1.28171), nv, alpha
+    ) / biquadratic(
+        vec3(1.0, 13.85686, 11.31672), vec3(-0.09151, -48.11424, 221.28821),
+        vec3(15.29834, 35.43781, -179.87302), nv, alpha
+    );
+    bias = max(bias, 0.0);
     return (color * scale + edge * bias) * (1.0 + color * (1.0 / (scale + bias) - 1.0));
 }
 #endif
