@@ -11,7 +11,7 @@ import numpy as np
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.native import kernels
-from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals, unit
+from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals
 from nlens_video.scene.gltf.nodes import Skin
 from nlens_video.scene.illumination import PosedLight
 
@@ -233,20 +233,16 @@ class Instance:
         return replace(near, positions=(near.positions + origin).astype(np.float32), near=near)
 
     def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
-        positions, normals = self._morphed(amounts)
+        positions, normals = map(np.ascontiguousarray, self._morphed(amounts))
+        placed, turned = np.empty_like(positions), np.empty_like(normals)
         if self._influence is None or self._carried is None:
             linear = carriers[:3, :3]
-            placed = positions @ linear.T.astype(np.float32) + carriers[:3, 3].astype(np.float32)
-            turned = unit(normals @ _cofactor(linear).T.astype(np.float32))
+            kernels.carry(positions, normals, carriers[:3], _cofactor(linear), placed, turned)
             determinant = float(np.linalg.det(linear))
             mirrored, drawn = determinant < 0.0, _keeps_areas(linear, determinant)
         else:
             matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
-            placed, turned = np.empty_like(positions), np.empty_like(normals)
-            kernels.skin(
-                np.ascontiguousarray(positions), np.ascontiguousarray(normals), *self._influence,
-                matrices, placed, turned,
-            )  # fmt: skip
+            kernels.skin(positions, normals, *self._influence, matrices, placed, turned)
             # by sides alone: a joint that is scaled up carries no more of the surface
             sides = np.sign(np.linalg.det(carriers[:, :3, :3]))
             mirrored = bool(sides @ self._carried < 0.0)

@@ -56,6 +56,13 @@ def bounds(
     return kernels.screen_bounds(positions, lens)
 
 
+def places(positions: Float32 | Float64, camera: Camera) -> Float64:
+    """Columns and rows [px] and depths (V, 3) of positions (V, 3); NaN behind the camera."""
+    found = np.empty((len(positions), 3))
+    kernels.screen_places(positions, _frame_params(camera), found)
+    return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extent:
     """Bounds of all vertices that are drawn, as a camera sees them.

@@ -1,6 +1,7 @@
 """Skinning in C++: as NumPy defines it, and the same bits on all levels of processors."""
 
 import numpy as np
+import pytest
 from support.native_levels import assert_same_bits
 
 from nlens_video.native import kernels
@@ -20,6 +21,32 @@ def carried(module, given):
     placed, turned = np.empty_like(given[0]), np.empty_like(given[1])
     module.skin(*given, placed, turned)
     return placed, turned
+
+
+def by_a_node(module, vectors, matrix):
+    positions, normals = vectors
+    linear = matrix[:, :3]
+    turner = np.linalg.det(linear) * np.linalg.inv(linear).T
+    if np.linalg.det(linear) < 0.0:  # normals point out of a mirrored surface too
+        turner = -turner
+    placed, turned = np.empty_like(positions), np.empty_like(normals)
+    module.carry(positions, normals, matrix, np.ascontiguousarray(turner), placed, turned)
+    return placed, turned
+
+
+@pytest.mark.parametrize("mirror", [1.0, -1.0])
+def test_vertices_of_a_node_go_by_its_matrix_as_those_of_a_single_joint(mirror):
+    vectors = skinned(2)[:2]
+    vectors[1][7] = 0.0  # no direction
+    matrix = np.random.default_rng(3).normal(size=(3, 4)) * [[mirror], [1.0], [1.0]]
+    joint = np.zeros((len(vectors[0]), 1), np.int32), np.ones((len(vectors[0]), 1), np.float32)
+    placed, turned = by_a_node(kernels, vectors, matrix)
+    expected = carried(kernels, (*vectors, *joint, matrix.reshape(1, 12).astype(np.float32)))
+    np.testing.assert_allclose(placed, expected[0], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(turned, expected[1], rtol=1e-5, atol=1e-5)
+    assert turned[7].tolist() == [0.0, 1.0, 0.0]
+    exact = vectors[0].astype(np.float64) @ matrix[:, :3].T + matrix[:, 3]
+    np.testing.assert_allclose(placed, exact, rtol=1e-6, atol=1e-6)
 
 
 def test_each_vertex_goes_by_the_mean_of_its_joints_matrices():
@@ -54,3 +81,5 @@ def test_normals_stay_upright_on_their_surface_under_uneven_and_mirrored_scales(
 
 def test_skinning_is_the_same_at_every_level():
     assert_same_bits(lambda module: carried(module, skinned(1)))
+    matrix = np.random.default_rng(4).normal(size=(3, 4))
+    assert_same_bits(lambda module: by_a_node(module, skinned(1)[:2], matrix))

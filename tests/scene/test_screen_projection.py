@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nlens_video.core.layers import Box
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.screen_projection import misses, travel_bound_px, travel_ref
+from nlens_video.scene.screen_projection import misses, places, travel_bound_px, travel_ref
 
 BOX = Box(-20, -20, 340, 220)
 
@@ -88,3 +88,21 @@ def test_screen_motion_of_a_hull_stays_within_the_bound(seed, moments, count, st
     ]
     travelled = np.linalg.norm(np.diff(ways, axis=0), axis=-1).sum(axis=0)
     assert (travelled <= bound * (1.0 + 1e-9) + 1e-9).all()
+
+
+@settings(max_examples=50)
+@given(seed=st.integers(0, 100_000), single=st.booleans())
+def test_places_are_those_of_the_camera_and_none_is_behind_it(seed, single):
+    rng = np.random.default_rng(seed)
+    camera = random_camera(rng)
+    points = points_near(rng, camera, 40, 3.0).astype(np.float32 if single else np.float64)
+    seen = camera.to_camera(points.astype(np.float64))
+    found = places(points[::-1][::-1], camera)
+    before = seen[:, 2] < 0.0
+    np.testing.assert_array_equal(np.isnan(found), np.tile(~before[:, None], 3))
+    depth = -seen[before, 2]
+    np.testing.assert_allclose(found[before, 2], depth, rtol=1e-9, atol=1e-9)
+    near = depth > 1e-3  # beyond, columns and rows are as large as they are uncertain
+    np.testing.assert_allclose(
+        found[before, :2][near], camera.pixels(seen[before])[near], rtol=1e-7, atol=1e-7
+    )

@@ -22,7 +22,7 @@ from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.scene.screen_projection import travel_bound_px
+from nlens_video.scene.screen_projection import places, travel_bound_px
 
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
@@ -88,10 +88,14 @@ class ObjectSource(ABC):
         """World-space triangles (T, 3, 3) of what stands on the ground [scene unit]."""
         return self.scene.triangles(time_s, self.footprint_node)
 
-    def places(self, time_s: float) -> Float64 | None:
+    def places(self, time_s: float, most: int | None = None) -> Float64 | None:
         """Columns, rows [px] and depths [scene unit] (V, 3) of the vertices; None if unknown.
 
         NaN for vertices behind the camera, and for those that are not drawn.
+
+        Args:
+            time_s: moment of the plate [s].
+            most: of more vertices, only every second or third and so on; default: of all.
         """
         return None
 
@@ -136,17 +140,13 @@ class RenderedObject(ObjectSource):
         """Bounds on a frame; None where they miss it and all that can blur into it."""
         return bounds_near_frame(self.scene, self.view, time_s)
 
-    def places(self, time_s: float) -> Float64:
+    def places(self, time_s: float, most: int | None = None) -> Float64:
         """As of `ObjectSource`."""
-        camera = self.camera(time_s)
         points, drawn = self.scene.pose(time_s).points()
-        seen = camera.to_camera(points.astype(np.float64))
-        before = (seen[:, 2] < 0.0) & drawn
-        if before.all():
-            return np.column_stack([camera.pixels(seen), -seen[:, 2]])
-        places = np.full(seen.shape, np.nan)
-        places[before] = np.column_stack([camera.pixels(seen[before]), -seen[before, 2]])
-        return places
+        every = 1 if most is None else math.ceil(len(points) / most)
+        seen = places(points[::every], self.camera(time_s))
+        seen[~drawn[::every]] = np.nan
+        return seen
 
     def shutter_at(self, shutter: Shutter, time_s: float) -> Shutter:
         """As of `ObjectSource`."""

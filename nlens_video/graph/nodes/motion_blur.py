@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from nlens_video.scene.camera import Camera
     from nlens_video.stages.l_reblur import ReblurLayer
 
+_MOST_VERTICES = 1 << 14  # whose motion is measured
+
 
 class MeasureMotion(Node):
     """Screen-space motion of the object's vertices over the shutter interval."""
@@ -62,7 +64,9 @@ class MeasureMotion(Node):
             return None
         view = self._objects.view
         shutter = self._objects.shutter_at(self._shutter, bounds.time_s)
-        seen = [self._objects.places(moment) for moment in shutter.edges(bounds.time_s)]
+        seen = [
+            self._objects.places(moment, _MOST_VERTICES) for moment in shutter.edges(bounds.time_s)
+        ]
         known = followed([places for places in seen if places is not None], bounds.camera)
         if not known:
             return None

@@ -32,6 +32,21 @@ void project(Array<const float, 2> positions, Lens lens, Array<double, 2> points
     }
 }
 
+// Columns and rows [px] and depths; no numbers for what is not before the camera.
+template <class Number>
+void places(Strided<const Number, 2> positions, Lens lens, Array<double, 2> found) {
+    constexpr double none = std::numeric_limits<double>::quiet_NaN();
+    for (int v = 0; v < positions.shape[0]; ++v) {
+        const auto [right, up, depth] =
+            in_camera(positions(v, 0), positions(v, 1), positions(v, 2), lens.data);
+        const bool before = depth > 0.0;
+        double* to = found.at(v);
+        to[0] = before ? lens(14) + lens(12) * right / depth : none;
+        to[1] = before ? lens(15) - lens(13) * up / depth : none;
+        to[2] = before ? depth : none;
+    }
+}
+
 struct Range {
     double low = kInfinite, high = -kInfinite;
 
@@ -95,6 +110,8 @@ double travel(Array<const double, 3> points, Array<const double, 2> lenses) {
 
 void bind_projection(nanobind::module_& module) {
     module.def("project", &project, Unlocked());
+    module.def("screen_places", &places<float>, Unlocked());
+    module.def("screen_places", &places<double>, Unlocked());
     module.def("screen_bounds", &bounds<float>, Unlocked());
     module.def("screen_bounds", &bounds<double>, Unlocked());
     module.def("travel_bound", &travel, Unlocked());

@@ -1,4 +1,4 @@
-// Vertices carried by the joints of a skin: `scene/posed.py`.
+// Vertices carried by a node or by the joints of a skin: `scene/posed.py`.
 #include <cmath>
 #include <cstdint>
 
@@ -33,6 +33,27 @@ void turn(const double* m, const float* normal, float* turned) {
     normalise(side * along[0], side * along[1], side * along[2], turned);
 }
 
+// A position by rows of 3 x 4.
+void place(const double* m, const float* position, float* placed) {
+    for (int row = 0; row < 3; ++row, m += 4)
+        placed[row] = static_cast<float>(m[0] * position[0] + m[1] * position[1] + m[2] * position[2] + m[3]);
+}
+
+// All vertices by the matrix of one node.
+//
+// `carrier` (3, 4) moves the positions, `turner` (3, 3) turns the normals; `placed` gets the positions,
+// `turned` the normals (V, 3), of length 1.
+void carry(Array<const float, 2> positions, Array<const float, 2> normals, Array<const double, 2> carrier,
+           Array<const double, 2> turner, Array<float, 2> placed, Array<float, 2> turned) {
+    const double* t = turner.data;
+    for (int v = 0; v < positions.shape[0]; ++v) {
+        place(carrier.data, positions.at(v), placed.at(v));
+        const float* n = normals.at(v);
+        normalise(t[0] * n[0] + t[1] * n[1] + t[2] * n[2], t[3] * n[0] + t[4] * n[1] + t[5] * n[2],
+                  t[6] * n[0] + t[7] * n[1] + t[8] * n[2], turned.at(v));
+    }
+}
+
 // Each vertex by the mean of its joints' matrices.
 //
 // `joints` and `weights` (V, K) say which carry it, `matrices` (J, 12) are rows of 3 x 4;
@@ -48,11 +69,7 @@ void skin(Array<const float, 2> positions, Array<const float, 2> normals, Array<
             const float* matrix = matrices.at(joints(v, k));
             for (int i = 0; i < 12; ++i) blended[i] += weight * matrix[i];
         }
-        const float* p = positions.at(v);
-        for (int row = 0; row < 3; ++row) {
-            const double* m = blended + 4 * row;
-            placed(v, row) = static_cast<float>(m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]);
-        }
+        place(blended, positions.at(v), placed.at(v));
         turn(blended, normals.at(v), turned.at(v));
     }
 }
@@ -60,6 +77,7 @@ void skin(Array<const float, 2> positions, Array<const float, 2> normals, Array<
 }  // namespace
 
 void bind_skinning(nanobind::module_& module) {
+    module.def("carry", &carry, Unlocked());
     module.def("skin", &skin, Unlocked());
 }
 
