@@ -52,7 +52,7 @@ def full_range_plate(folder, **words):
         ("out.mov", "prores_ks"), ("out.mxf", "prores_ks"), ("out.mov", "v210"),
         ("out.mov", "cfhd"), ("out.mpg", "mpeg2video"),
         ("out.avi", "huffyuv"), ("out.avi", "utvideo"), ("out.avi", "ffv1"), ("out.nut", "ffv1"),
-        ("out.nut", "rawvideo"), ("out.avi", "mpeg4"), ("out_%d.tif", None),
+        ("out.nut", "rawvideo"), ("out.avi", "mpeg4"),
     ],
 )  # fmt: skip
 def test_full_range_becomes_limited_where_readers_take_it_for_limited(tmp_path, name, codec):

@@ -47,6 +47,11 @@ _PLAYABLE = ("libx264", "libx265", "libvpx-vp9", "libvpx")
 """Encoders whose 4:2:0 is played everywhere, and whose 4:4:4 few players show."""
 _SAMPLINGS = {(2, 1): "4:2:2", (2, 2): "4:2:0", (4, 1): "4:1:1", (1, 2): "4:4:0", (4, 4): "4:1:0"}
 """Names of chroma subsampling, by the pixels of a sample along a row and a column."""
+_SHOWN_ALIKE = {
+    "tiff": ("rgb24", "rgb48le", "rgba", "rgba64le", "gray", "gray16le", "ya8", "ya16le"),
+    **dict.fromkeys(("libwebp", "libwebp_anim"), ("bgra",)),
+}
+"""Formats that all readers show alike, of encoders whose YUV they take for BT.601."""
 _HIGHEST_CRF = {"libx264": 51, "libx264rgb": 51, "libx265": 51}
 """Of encoders whose options do not state it [1]."""
 
@@ -128,6 +133,11 @@ def pixel_formats(encoder: str) -> list[str]:
     if encoder == "mjpeg":  # JPEG is full range
         return [name for name in names if name.startswith("yuvj")]
     return [name for name in names if name != "pal8"]  # palettes are not computed
+
+
+def shown_formats(encoder: str) -> list[str]:
+    """Those of its pixel formats whose colours readers show right; empty for any."""
+    return list(_SHOWN_ALIKE.get(encoder, ())) or pixel_formats(encoder)
 
 
 def encoder_options(

@@ -21,7 +21,7 @@ from nlens_video.video.output.encoders import (  # fmt: skip
     encoder_options,
     nearest_format,
     not_held,
-    pixel_formats,
+    shown_formats,
     some_format,
     unmarked_fields,
     what_is_lost,
@@ -214,7 +214,7 @@ def _formats(info: SourceInfo, name: str) -> list[str]:
     The source's, or the nearest that it accepts; for alpha also those that more containers hold.
     """
     wanted = working_format(info.pixel_format)
-    formats, kind = pixel_formats(name), layout(wanted)
+    formats, kind = shown_formats(name), layout(wanted)
     if not formats and kind is not None and kind.family == "float":
         formats = list(_INTEGER)
     if not formats or wanted in formats:

@@ -18,6 +18,8 @@ EXTENSIONS = {
 """FFmpeg's encoders of the kinds that keep the picture, by extension."""
 ANIMATED = (".webp",)
 """Those of them that hold videos as well."""
+READ_AS_BT601 = ("libwebp", "mjpeg", "tiff")
+"""Encoders whose YUV readers take for BT.601: their files say no matrix."""
 _NOT_NUMBERED = (".avif", ".fits", ".ico")
 """Pictures that muxers of their own write, one file a run."""
 _OPTIONS = {

@@ -20,6 +20,7 @@ from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.encoder_threads import ordinary_priority
 from nlens_video.video.output.picture_files import (
     EXTENSIONS,
+    READ_AS_BT601,
     lost_aspect,
     picture_encoding,
     picture_options,
@@ -55,8 +56,11 @@ class StillSink(Sink):
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
         kind = layout(working_format(self._format))
-        yuv = kind is not None and kind.family == "yuv" and not kind.full_range
-        self._limited = yuv and info.tags.matrix != "gbr" and info.tags.full_range
+        yuv = kind is not None and kind.family == "yuv"
+        limited = yuv and not self._format.startswith("yuvj")
+        self._limited = limited and info.tags.matrix != "gbr" and info.tags.full_range
+        jpeg_again = self._codec == info.codec == "mjpeg"
+        self._bt601 = yuv and self._codec in READ_AS_BT601 and not jpeg_again
         if self._limited:
             self._notes += (f"full range becomes limited: {self._path.suffix} is read as limited",)
         self._notes += lost_aspect(info, self._path.suffix.lower())
@@ -130,13 +134,12 @@ class StillSink(Sink):
 
     def _encode(self, frame: SourceFrame) -> bytes:
         picture = display_coded(frame.picture, self._format)
-        jpeg = self._codec == "mjpeg" and self._info.codec != "mjpeg"
         turns = not self._info.orientation.upright
-        if jpeg or turns:  # JPEG has its own matrix, and turning wants whole pixels
+        if self._bt601 or turns:  # another matrix and turning want whole pixels
             pixels = picture_frame(picture, self._whole_format())
             if turns:
                 pixels = turned(pixels, self._info.orientation)
-            pixels = converted(pixels, self._format)
+            pixels = converted(pixels, self._format, bt601=self._bt601)
         else:
             pixels = picture_frame(picture, self._format, limited=self._limited)
         context = av.CodecContext.create(self._codec, "w")
@@ -158,6 +161,7 @@ class StillSink(Sink):
     def _whole_format(self) -> str:
         """A format without subsampling that holds the samples of the encoder's."""
         kind = layout(working_format(self._format))
-        if kind is None or kind.family == "yuv":
-            return "rgb24" if kind is None or kind.bits == 8 else "rgb48le"
+        if kind is not None and kind.family == "yuv":
+            names = ("rgba", "rgba64le") if kind.alpha else ("rgb24", "rgb48le")
+            return names[kind.bits != 8]
         return working_format(self._format)

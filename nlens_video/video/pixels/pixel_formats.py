@@ -208,19 +208,21 @@ def _is_grey(name: str) -> bool:
 
 
 def converted(
-    frame: av.VideoFrame, target: str, tags: ColorTags | None = None, *, limited: bool = False
-) -> av.VideoFrame:
+    frame: av.VideoFrame, target: str, tags: ColorTags | None = None, *, limited: bool = False,
+    bt601: bool = False,
+) -> av.VideoFrame:  # fmt: skip
     """The frame in another pixel format, at its own time.
 
     Between two YUV or two RGB formats matrix and range stay, but with `limited` YUV becomes
-    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses BT.709 in limited range, or for `yuvj`
-    BT.601 in full range as in JPEG, and tags the result so.
+    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses BT.709, or with `bt601` that, in
+    limited range, or for `yuvj` BT.601 in full range as in JPEG, and tags the result so.
 
     Args:
         frame: any.
         target: FFmpeg's name of a pixel format.
         tags: colour tags of the frame; needed from YUV to RGB.
         limited: whether YUV of full range is to become limited; for YUV alone.
+        bt601: whether RGB or grey is to become YUV of BT.601.
     """
     was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
     matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
@@ -230,7 +232,7 @@ def converted(
         span = FULL_RANGE if tags.full_range else 1
     to_yuv = (was or _is_grey(frame.format.name)) and not becomes and not _is_grey(target)
     jpeg = target.startswith("yuvj")
-    made = (5 if jpeg else 1) if to_yuv else matrix
+    made = (5 if jpeg or bt601 else 1) if to_yuv else matrix
     result = frame.reformat(
         format=target, src_colorspace=matrix, dst_colorspace=made,
         src_color_range=span,
