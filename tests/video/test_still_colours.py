@@ -6,11 +6,15 @@ import PIL.Image
 import pytest
 from support.clips import copy, write_clip
 
+from nlens_video.video.exr import write_layers
 from nlens_video.video.info import FrameTags
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.picture_files import EXTENSIONS
 
 BT709 = FrameTags(colorspace=1, color_range=1, color_primaries=1, color_trc=1)
 FULL = FrameTags(colorspace=1, color_range=2, color_primaries=1, color_trc=1)
 PQ = FrameTags(colorspace=9, color_range=1, color_primaries=9, color_trc=16)
+SRGB = FrameTags(colorspace=1, color_range=1, color_primaries=1, color_trc=13)
 HLG = FrameTags(colorspace=9, color_range=1, color_primaries=9, color_trc=18)
 LOST = "colour tags are left out"
 COLOURS = ((255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (0, 255, 255), (255, 0, 255))
@@ -127,3 +131,40 @@ def test_tiff_keeps_the_bits_and_the_alpha_of_a_plate(tmp_path, pixel_format, ke
     notes = copy(clip, tmp_path / "p_%d.tif")
     assert decoded_format(tmp_path / "p_0.tif") == kept
     assert not [note for note in notes if "pixel format" in note]
+
+
+@pytest.mark.parametrize("ending", [one for one in EXTENSIONS if one not in (".exr", ".pgm")])
+@pytest.mark.parametrize(("tags", "curve"), [(PQ, "smpte2084"), (HLG, "arib-std-b67")])
+def test_lost_colour_tags_of_hdr_are_told_of_pictures(tmp_path, tags, curve, ending):
+    clip = plate(tmp_path, "yuv420p10le", tags)
+    told = [] if ending == ".png" else [f"{LOST} (transfer {curve}, primaries bt2020): {ending}"]
+    for name, words in ((f"p_%d{ending}", {}), (f"still{ending}", {"one_frame": True})):
+        notes = [note for note in copy(clip, tmp_path / name, **words) if LOST in note]
+        assert [note.partition(" does not hold")[0] for note in notes] == told
+
+
+@pytest.mark.parametrize("ending", [one for one in EXTENSIONS if one != ".pgm"])
+@pytest.mark.parametrize("tags", [BT709, FULL, FrameTags(), SRGB])
+def test_usual_colour_tags_are_not_noted_of_pictures(tmp_path, tags, ending):
+    clip = plate(tmp_path, "yuv420p", tags)
+    assert not [note for note in copy(clip, tmp_path / f"p_%d{ending}") if "colour" in note]
+
+
+def test_hdr_is_read_back_from_png(tmp_path):
+    clip = plate(tmp_path, "yuv420p10le", PQ)
+    copy(clip, tmp_path / "p_%d.png")
+    with open_source(str(tmp_path / "p_%d.png")) as source:
+        assert (source.info.tags.transfer, source.info.tags.primaries) == ("smpte2084", "bt2020")
+
+
+@pytest.mark.parametrize("pix_fmt", ["yuv420p", "rgb48le"])
+def test_lost_colour_tags_are_told_where_the_pixel_format_is_asked_for(tmp_path, pix_fmt):
+    notes = copy(plate(tmp_path, "yuv420p10le", PQ), tmp_path / "p_%d.tif", pix_fmt=pix_fmt)
+    assert len([note for note in notes if LOST in note and "matrix" not in note]) == 1
+
+
+def test_no_colour_tags_are_told_of_light_that_becomes_srgb(tmp_path):
+    light = np.full((48, 64), 0.2, np.float32)
+    write_layers(tmp_path / "in_0.exr", dict.fromkeys("RGB", light))
+    notes = copy(tmp_path / "in_%d.exr", tmp_path / "p_%d.jpg")
+    assert not [note for note in notes if LOST in note]

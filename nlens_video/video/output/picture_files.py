@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nlens_video.core.errors import OutputError
 from nlens_video.video.info import SourceInfo
+from nlens_video.video.output.containers import read_tags
 from nlens_video.video.output.encoders import nearest_format
 from nlens_video.video.output.encoding import Encoding, choose_encoding
 from nlens_video.video.pixels.pixel_formats import layout, working_format
+from nlens_video.video.stored_colour import stored_colour
 
 EXTENSIONS = {
     ".bmp": "bmp", ".dpx": "dpx", ".exr": "exr", ".j2k": "jpeg2000", ".jls": "jpegls",
@@ -86,6 +90,31 @@ def lost_aspect(info: SourceInfo, suffix: str) -> tuple[str, ...]:
         return ()
     shape = f"{ratio.numerator}:{ratio.denominator}"
     return (f"pixels of {shape} become square: {suffix} has no place for their shape",)
+
+
+def lost_colour(info: SourceInfo, suffix: str, pixel_format: str) -> tuple[str, ...]:
+    """A note where pictures do not say the source's transfer function or primaries.
+
+    Args:
+        info: the source.
+        suffix: extension of the kind, one of `EXTENSIONS`.
+        pixel_format: of the encoder's input.
+    """
+    read = partial(read_tags, "image2pipe", EXTENSIONS[suffix], pixel_format)
+    lost = stored_colour(info, whole_format(pixel_format), read).lost
+    if not lost:
+        return ()
+    tags = ", ".join(lost)
+    return (f"colour tags are left out ({tags}): {suffix} does not hold them; .png files do",)
+
+
+def whole_format(pixel_format: str) -> str:
+    """A format without a matrix or subsampling that holds the samples of another one."""
+    kind = layout(working_format(pixel_format))
+    if kind is not None and kind.family == "yuv":
+        names = ("rgba", "rgba64le") if kind.alpha else ("rgb24", "rgb48le")
+        return names[kind.bits != 8]
+    return working_format(pixel_format)
 
 
 def picture_options(codec: str, pixel_format: str) -> dict[str, str]:

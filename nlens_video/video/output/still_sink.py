@@ -22,8 +22,10 @@ from nlens_video.video.output.picture_files import (
     EXTENSIONS,
     READ_AS_BT601,
     lost_aspect,
+    lost_colour,
     picture_encoding,
     picture_options,
+    whole_format,
 )
 from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
@@ -55,6 +57,7 @@ class StillSink(Sink):
         if self._codec != "exr":
             encoding = picture_encoding(info, self._path.suffix.lower(), pix_fmt)
             self._format, self._notes = encoding.pixel_format, encoding.reasons
+            self._notes += lost_colour(info, self._path.suffix.lower(), self._format)
         kind = layout(working_format(self._format))
         yuv = kind is not None and kind.family == "yuv"
         limited = yuv and not self._format.startswith("yuvj")
@@ -136,7 +139,7 @@ class StillSink(Sink):
         picture = display_coded(frame.picture, self._format)
         turns = not self._info.orientation.upright
         if self._bt601 or turns:  # another matrix and turning want whole pixels
-            pixels = picture_frame(picture, self._whole_format())
+            pixels = picture_frame(picture, whole_format(self._format))
             if turns:
                 pixels = turned(pixels, self._info.orientation)
             pixels = converted(pixels, self._format, bt601=self._bt601)
@@ -157,11 +160,3 @@ class StillSink(Sink):
         with ordinary_priority():
             packets = [*context.encode(pixels), *context.encode(None)]
         return b"".join(bytes(packet) for packet in packets)
-
-    def _whole_format(self) -> str:
-        """A format without subsampling that holds the samples of the encoder's."""
-        kind = layout(working_format(self._format))
-        if kind is not None and kind.family == "yuv":
-            names = ("rgba", "rgba64le") if kind.alpha else ("rgb24", "rgb48le")
-            return names[kind.bits != 8]
-        return working_format(self._format)
