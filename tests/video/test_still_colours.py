@@ -168,3 +168,21 @@ def test_no_colour_tags_are_told_of_light_that_becomes_srgb(tmp_path):
     write_layers(tmp_path / "in_0.exr", dict.fromkeys("RGB", light))
     notes = copy(tmp_path / "in_%d.exr", tmp_path / "p_%d.jpg")
     assert not [note for note in notes if LOST in note]
+
+
+@pytest.mark.parametrize("ending", ["tif", "webp"])
+@pytest.mark.parametrize("name", ["p_%d", "still"])
+def test_large_yuv_picture_is_read_as_other_readers_show_it(tmp_path, name, ending):
+    """Video of this size without tags would be of BT.709."""
+    frame = bars("yuv420p").reformat(width=1280, height=720)
+    for tag in FrameTags.__dataclass_fields__:
+        setattr(frame, tag, getattr(BT709, tag))
+    clip, out = write_clip(tmp_path / "in.mkv", [frame]), tmp_path / f"{name}.{ending}"
+    copy(clip, out, pix_fmt="yuv420p", one_frame=True)
+    with PIL.Image.open(str(out).replace("%d", "0")) as picture:
+        wanted = np.asarray(picture.convert("RGB"), int)[360, 80::160]
+    copy(out, tmp_path / "again.mkv", codec="ffv1")
+    for path in (out, tmp_path / "again.mkv"):
+        with open_source(str(path), input_transfer="iec61966-2-1") as source:
+            found = 255 * next(iter(source)).picture.srgb()[360, 80::160]
+        assert np.abs(found - wanted).max() <= 4

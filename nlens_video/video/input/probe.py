@@ -21,6 +21,8 @@ from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 
 _SRGB_TRC = 13
+_BT601 = 5
+"""FFmpeg's number of the matrix."""
 _FIELD_ORDERS = {2: "tt", 3: "bb", 4: "tb", 5: "bt"}
 """Names of FFmpeg's field orders; others are progressive or unknown."""
 _RATE_TOLERANCE = Fraction(1, 1000)
@@ -49,9 +51,11 @@ def describe(
         InputError: the pixel format is not supported.
     """
     picture = kind in ("still", "sequence")
-    jpeg = picture and first.format.name.startswith("yuv")
+    yuv = picture and first.format.name.startswith("yuv")
+    if yuv and stream.codec.name == "tiff" and first.colorspace in (0, 2):
+        first.colorspace = _BT601  # by the TIFF specification, whatever the size
     worked = AvPicture(first)
-    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if jpeg else 0, given=transfer)
+    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=transfer)
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
     order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
