@@ -35,7 +35,7 @@ def levels(samples: Samples, *, above_white: bool) -> Float32:
     full = with_full_chroma(samples)
     height, width = full.planes[0].shape
     whole = Box(0, 0, width, height)
-    result = WHITE * blend.srgb(full, whole)
+    result = WHITE * blend.srgb(full)
     if above_white:
         light = blend.linear(full, whole)
         brighter = light > 1.0

@@ -117,7 +117,7 @@ def solve_plate(
                     luma = luma_of(frame.picture, square)
                 markers.add(luma)
             if pictures is not None and pictures.next_is_wanted():
-                image = to_8_bit(frame.picture.srgb(), _PICTURE_PX)
+                image = to_8_bit(frame.picture.shown(), _PICTURE_PX)
                 pictures.keep(PlatePicture(frame.index, frame.time_s, image))
             frames.append(frame.index)
             on_progress(len(frames), info.frame_count)

@@ -168,5 +168,5 @@ def show(picture: Picture | None, fit: LensFit | None, plan: tuple[str, ...]) ->
         return Shown(None, (0, 0), fit, plan)
     from nlens_video.report.html import jpeg, to_8_bit
 
-    image = to_8_bit(picture.srgb(), _WIDEST_PX)
+    image = to_8_bit(picture.shown(), _WIDEST_PX)
     return Shown(jpeg(image), (image.shape[1], image.shape[0]), fit, plan)

@@ -47,6 +47,14 @@ class Picture(Protocol):
         """The whole picture, display-coded sRGB in [0, 1], (H, W, 3), for estimators."""
         ...
 
+    def shown(self) -> Float32:
+        """The whole picture as players show it, in [0, 1] (H, W, 3), for people.
+
+        Codes of SDR stay as they are, since no player converts between the curves of video and of
+        sRGB; HDR and linear light become sRGB.
+        """
+        ...
+
     def linear(self, box: Box) -> Float32:
         """Scene-linear RGB (h, w, 3) of a box that lies inside the frame; 1.0 is diffuse white."""
         ...

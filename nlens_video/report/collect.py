@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.errors import OutputError
-from nlens_video.core.layers import Box, Float32, Picture
+from nlens_video.core.layers import Picture
 from nlens_video.graph.base.profiler import FrameTiming, Summary
 from nlens_video.graph.executor import FrameState, Observer
 from nlens_video.report.findings import EvenPick, Findings, MainFrame, StripFrame, TimingBins
@@ -86,7 +86,7 @@ class Report(Observer):
                 index=frame.index,
                 time_s=frame.time_s,
                 before=plate(),
-                after=to_8_bit(frame.picture.srgb()) if composited else None,
+                after=to_8_bit(frame.picture.shown()) if composited else None,
                 defocused=layer,
             )
         if composited and self._strip.next_is_wanted():
@@ -135,34 +135,29 @@ class Report(Observer):
 
 
 def copied(picture: Picture) -> Callable[[], Image]:
-    """A copy of the picture as it is now, converted to sRGB only when it is called for.
+    """A copy of the picture as it is now, converted for the eye only when it is called for.
 
     Copying samples costs a five-hundredth of converting them, and most plates are never shown.
     """
     samples = _samples(picture)
     if samples is None:
-        image = to_8_bit(picture.srgb())
+        image = to_8_bit(picture.shown())
         return lambda: image
     y, u, v = (plane.copy() for plane in samples.planes)
     still = replace(samples, planes=(y, u, v))
-    return lambda: to_8_bit(_srgb(still))
+    return lambda: to_8_bit(blend.shown(still))
 
 
 def thumbnail(picture: Picture) -> bytes:
     """A small JPEG of the picture; converts no more pixels than it needs."""
     samples = _samples(picture)
-    rgb = picture.srgb() if samples is None else _srgb(_reduced(samples))
+    rgb = picture.shown() if samples is None else blend.shown(_reduced(samples))
     return jpeg(to_8_bit(rgb, _THUMBNAIL_PX), _THUMBNAIL_QUALITY)
 
 
 def _samples(picture: Picture) -> Samples | None:
     """Views of a decoded frame's samples, None for pictures of other kinds."""
     return picture.samples() if isinstance(picture, AvPicture) else None
-
-
-def _srgb(samples: Samples) -> Float32:
-    height, width = samples.planes[0].shape
-    return blend.srgb(samples, Box(0, 0, width, height))
 
 
 def _reduced(samples: Samples) -> Samples:

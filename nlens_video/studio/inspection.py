@@ -55,7 +55,7 @@ class Inspection:
         coc_px = self.coc.coc_px
         top = max(1.0, float(np.quantile(coc_px, 0.98)))
         scale = Scale(top_px=top, colormap=COC_MAP)
-        grey = self.picture.srgb().mean(axis=2, keepdims=True)
+        grey = self.picture.shown().mean(axis=2, keepdims=True)
         mixed = _OPACITY * scale.colors(coc_px) / 255.0 + (1.0 - _OPACITY) * grey
         levels = np.round(255.0 * mixed).astype(np.uint8)
         levels[_outline(self.in_focus())] = 255

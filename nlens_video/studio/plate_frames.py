@@ -25,7 +25,8 @@ from nlens_video.video.input.open import (
 from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import local_path
-from nlens_video.video.pixels.picture import ArrayPicture
+from nlens_video.video.pixels.blend import is_shown_as_coded
+from nlens_video.video.pixels.picture import SRGB, ArrayPicture, AvPicture
 
 _KEPT_BYTES = 128 << 20
 _BYTES_A_PIXEL = 6  # at most: three samples of 16 bit
@@ -173,16 +174,19 @@ class PlateFrames:
                 return
 
     def _reduced(self, picture: Picture) -> Picture:
-        if not self.reduced:
+        if not self.reduced or not isinstance(picture, AvPicture | ArrayPicture):
             return picture
-        small = cv2.resize(picture.srgb(), self.size, interpolation=cv2.INTER_AREA)
+        curve = picture.tags.transfer
+        small = cv2.resize(picture.shown(), self.size, interpolation=cv2.INTER_AREA)
         deep = np.round(small[..., ::-1].clip(0.0, 1.0) * 65535.0).astype(np.uint16)
-        return ArrayPicture(np.ascontiguousarray(deep))
+        tags = replace(SRGB, transfer=curve) if is_shown_as_coded(curve) else SRGB
+        return ArrayPicture(np.ascontiguousarray(deep), tags=tags)
 
 
 def to_jpeg(picture: Picture, quality: int = 90) -> bytes:
     """A picture as the browser takes it."""
-    return levels_to_jpeg(np.round(picture.srgb().clip(0.0, 1.0) * 255.0).astype(np.uint8), quality)
+    levels = np.round(picture.shown().clip(0.0, 1.0) * 255.0)
+    return levels_to_jpeg(levels.astype(np.uint8), quality)
 
 
 def levels_to_jpeg(levels: npt.NDArray[np.uint8], quality: int = 90) -> bytes:

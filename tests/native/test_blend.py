@@ -69,6 +69,12 @@ def test_the_light_of_samples_is_the_same_at_every_level(pixel_format, monkeypat
         corners = [(box.x0, box.y0) for box in BOXES]
         lights = [blend.linear(samples, box) for box in BOXES]
         patches = blend.green_patches(samples, corners, 1)
-        return [*lights, blend.srgb(samples, BOXES[0]), patches, blend.downsample(samples, 50, 4)]
+        return [
+            *lights,
+            blend.srgb(samples),
+            blend.shown(samples),
+            patches,
+            blend.downsample(samples, 50, 4),
+        ]
 
     assert_same_bits(decoded)

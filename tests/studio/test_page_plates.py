@@ -67,6 +67,6 @@ def test_object_is_dragged_and_rendered_on(browser, tmp_path, write):
         if write is not deep:  # no browser here plays H.265
             page.locator("#result-picture" if single else "#result").wait_for()
     with contextlib.closing(open_seekable(str(tmp_path / result))) as rendered:
-        first = 255.0 * next(iter(rendered)).picture.srgb()[..., ::-1]
+        first = 255.0 * next(iter(rendered)).picture.shown()[..., ::-1]
     small = cv2.resize(first, shown.shape[1::-1], interpolation=cv2.INTER_AREA)
     assert np.abs(small - shown)[20:-20, 20:-20].mean() < 6.0

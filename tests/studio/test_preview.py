@@ -14,11 +14,13 @@ from support.command import nlens
 from support.studio import TABLES, write_shot
 
 from nlens_video.cli.solve_command import camera_and_lines
+from nlens_video.core.color import transfer
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.layers import Box
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.settings import SourceSettings
 from nlens_video.stages.r_lens_track import FitTrack, Keyframe
-from nlens_video.studio.plate_frames import PlateFrames
+from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
 from nlens_video.studio.shot_state import ShotState
 from nlens_video.studio.stage import Stage
 from nlens_video.video.named_files import ImageSequence
@@ -234,6 +236,25 @@ def test_large_plate_is_reduced(tmp_path):
     assert frames.reduced
     assert frames.frame(0).picture.width == frames.size[0] <= 1012
     assert frames.size[0] / frames.size[1] == pytest.approx(3840 / 2048, rel=0.002)
+    frames.close()
+
+
+@pytest.mark.parametrize("wide", [640, 2560])  # the second is reduced
+def test_browser_gets_the_codes_of_a_video_and_light_by_its_curve(tmp_path, wide):
+    levels = np.linspace(0.0, 255.0, wide).astype(np.uint8)
+    grey = av.VideoFrame.from_ndarray(np.tile(levels[None, :, None], (720, 1, 3)), "rgb24")
+    grey = grey.reformat(format="yuv444p", dst_colorspace="ITU709")
+    grey.colorspace, grey.color_range, grey.color_trc, grey.color_primaries = 1, 1, 1, 1
+    write_clip(tmp_path / "in.mkv", [grey])
+    frames = PlateFrames(SourceSettings(spec=str(tmp_path / "in.mkv")), 960 * 544)
+    picture = frames.frame(0).picture
+    assert frames.reduced == (wide > 960)
+    at = np.linspace(0.1, 0.9, 9)
+    shown = cv2.imdecode(np.frombuffer(to_jpeg(picture, 100), np.uint8), cv2.IMREAD_COLOR)
+    columns = (at * picture.width).astype(int)
+    np.testing.assert_allclose(shown[200, columns], np.tile(255 * at[:, None], 3), atol=2.5)
+    light = picture.linear(Box(0, 0, picture.width, picture.height))[200, columns, 1]
+    np.testing.assert_allclose(light, transfer("bt709").to_linear(at), atol=0.015)
     frames.close()
 
 

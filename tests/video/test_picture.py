@@ -1,6 +1,7 @@
 """Compositing on real samples: what is touched, what is not; the fast kernel by its reference."""
 
 import copy
+from dataclasses import replace
 
 import av
 import numpy as np
@@ -15,7 +16,7 @@ from nlens_video.video.exr import LINEAR
 from nlens_video.video.input.source import open_source
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.orientation import Orientation
-from nlens_video.video.pixels.picture import ArrayPicture, AvPicture
+from nlens_video.video.pixels.picture import SRGB, ArrayPicture, AvPicture
 from nlens_video.video.pixels.pixel_formats import working_format
 from nlens_video.video.pixels.samples import (
     FIRST_OCTAVE,
@@ -388,3 +389,19 @@ def test_samples_that_are_no_number_are_black_and_infinite_ones_white_but_stay_i
     picture.composite_over(Box(0, 0, 4, 2), layer_)
     assert np.isnan(plate[0, 0]).all() and np.isinf(plate[0, 1:3]).all()
     assert np.isfinite(plate[1]).all()
+
+
+@pytest.mark.parametrize(
+    "curve", ["bt709", "smpte170m", "smpte240m", "gamma28", "iec61966-2-1", "bt2020-10"]
+)
+def test_players_show_codes_of_video_as_those_of_srgb(curve):
+    codes = np.random.default_rng(0).integers(0, 65536, (9, 14, 3), np.uint16)
+    picture = ArrayPicture(codes, "rgb", replace(SRGB, transfer=curve))
+    np.testing.assert_allclose(picture.shown(), codes / 65535.0, atol=2e-5)
+
+
+@pytest.mark.parametrize("curve", ["linear", "smpte2084", "arib-std-b67"])
+def test_players_show_hdr_and_linear_light_by_its_light(curve):
+    codes = np.random.default_rng(0).integers(0, 65536, (9, 14, 3), np.uint16)
+    picture = ArrayPicture(codes, "rgb", replace(SRGB, transfer=curve))
+    np.testing.assert_array_equal(picture.shown(), picture.srgb())

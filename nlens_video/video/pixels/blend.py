@@ -13,7 +13,7 @@ import numpy as np
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
-from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_table, tables
+from nlens_video.video.pixels.samples import Axis, Plane, Samples, display_tables, tables
 
 _AS_LIGHT = np.empty(0, np.float32)  # a table from light to codes, in place of one
 
@@ -23,14 +23,17 @@ def _axis(axis: Axis) -> tuple[int, int, int, Float32]:
     return axis.step, axis.phase, axis.first, np.array(axis.weights, np.float32)
 
 
-def _decoded(samples: Samples, box: Box, to_display: Float32) -> Float32:
+def _decoded(
+    samples: Samples, box: Box, to_display: Float32, to_linear: Float32 | None = None
+) -> Float32:
     maps = tables(samples.coding)
+    to_linear = maps.to_linear if to_linear is None else to_linear
     axes = _axis(samples.across), _axis(samples.down)
     out = np.empty((box.height, box.width, 3), np.float32)
 
     def decode(band: Band) -> None:
         kernels.linear(
-            samples.planes, axes, (box.y0 + band[0], box.x0), maps.rgb_from_codes, maps.to_linear,
+            samples.planes, axes, (box.y0 + band[0], box.x0), maps.rgb_from_codes, to_linear,
             maps.to_bt709, to_display, out[slice(*band)],
         )  # fmt: skip
 
@@ -63,9 +66,29 @@ def downsample(samples: Samples, width: int, height: int) -> Float32:
     return out
 
 
-def srgb(samples: Samples, box: Box) -> Float32:
-    """Display-coded sRGB in [0, 1] (h, w, 3) of a box inside the frame."""
-    return _decoded(samples, box, display_table())
+def srgb(samples: Samples) -> Float32:
+    """Display-coded sRGB in [0, 1] of the whole frame (H, W, 3)."""
+    return _decoded(samples, _frame(samples), display_tables()[1])
+
+
+def shown(samples: Samples) -> Float32:
+    """The whole frame as players show it (H, W, 3), in [0, 1]."""
+    to_linear, to_display = display_tables()
+    as_coded = is_shown_as_coded(samples.coding.tags.transfer)
+    return _decoded(samples, _frame(samples), to_display, to_linear if as_coded else None)
+
+
+def is_shown_as_coded(transfer: str) -> bool:
+    """Whether players take codes of a transfer function for those of sRGB.
+
+    They do not convert between the curves of video and of sRGB, but HDR and linear light to it.
+    """
+    return transfer not in ("linear", "smpte2084", "arib-std-b67")
+
+
+def _frame(samples: Samples) -> Box:
+    height, width = samples.planes[0].shape
+    return Box(0, 0, width, height)
 
 
 def composite_over(samples: Samples, box: Box, rgba: Float32, *, of_plate: bool = False) -> None:

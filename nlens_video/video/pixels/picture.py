@@ -39,9 +39,11 @@ class SamplesPicture:
 
     def srgb(self) -> Float32:
         """The whole picture, display-coded sRGB in [0, 1], (H, W, 3)."""
-        samples = self.samples()
-        height, width = samples.planes[0].shape
-        return blend.srgb(samples, Box(0, 0, width, height))
+        return blend.srgb(self.samples())
+
+    def shown(self) -> Float32:
+        """The whole picture as players show it, in [0, 1] (H, W, 3)."""
+        return blend.shown(self.samples())
 
     def linear(self, box: Box) -> Float32:
         """Scene-linear BT.709 RGB (h, w, 3) of a box that lies inside the frame."""

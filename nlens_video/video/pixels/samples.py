@@ -155,9 +155,9 @@ def tables(coding: Coding) -> Tables:
     )
 
 
-def display_table() -> Float32:
-    """Table from linear light to sRGB codes."""
-    return _curve_tables("iec61966-2-1")[1]
+def display_tables() -> tuple[Float32, Float32]:
+    """Tables from sRGB codes to linear light, and back."""
+    return _curve_tables("iec61966-2-1")
 
 
 @lru_cache(maxsize=64)
