@@ -273,9 +273,13 @@ class Scene:
             )
             if line not in self._warnings:
                 self._warnings.append(line)
+        moved = self.camera_motion.apply(self._hierarchy.rest, time_s)
         try:
-            moved = self.camera_motion.apply(self._hierarchy.rest, time_s)
-            pose = rigid(self._hierarchy.oriented(moved)[chosen.node])
+            world = self._hierarchy.oriented(moved)
+        except SceneError as error:  # of any node
+            raise SceneError(f"{self.path}: {error}") from error
+        try:
+            pose = rigid(world[chosen.node])
             yfov = chosen.yfov_at(self.camera_motion, time_s)
         except SceneError as error:
             raise SceneError(f"{self.path}: camera '{chosen.name}': {error}") from error

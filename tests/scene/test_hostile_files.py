@@ -300,3 +300,12 @@ def test_lights_of_impossible_brightness_are_refused(tmp_path, field, told):
     lights = builder.document["extensions"]["KHR_lights_punctual"]["lights"]
     lights[0] |= field
     refused(builder.bytes(), tmp_path, rf"lights\[0\].*{told}")
+
+
+def test_node_of_impossible_scale_is_not_said_to_be_the_camera(tmp_path):
+    builder = GlbBuilder()
+    builder.node(camera=builder.camera())
+    builder.node(mesh=builder.mesh(), scale=[1e30] * 3)
+    scene = load(builder.bytes(), tmp_path)
+    with pytest.raises(SceneError, match=r"scene\.glb: a node's place or scale lies beyond 1e\+18"):
+        scene.camera(0.0, 64, 48)
