@@ -22,6 +22,7 @@ from nlens_video.video.input.open import (
     open_container,
     video_stream,
 )
+from nlens_video.video.input.packet_index import stated_frames
 from nlens_video.video.input.seek import SeekableSource, open_seekable
 from nlens_video.video.interfaces import Source
 from nlens_video.video.named_files import local_path
@@ -140,8 +141,9 @@ class PlateFrames:
         container, _ = open_container(self._source.spec, hints)
         with container:
             stream = video_stream(container, self._source.spec)
-            if stream.frames:
-                return stream.frames
+            stated = stated_frames(container, stream)
+            if stated:
+                return stated
             if self.info.interlaced or stream.codec.name in _UNSEEN:
                 return None
             count = 0

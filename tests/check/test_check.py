@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from support import shots, takes
+from support.clips import trim
 
 from nlens_video.check.command import compare
 from nlens_video.check.judge import judge_plate, objects_among, tolerance
@@ -347,6 +348,14 @@ def test_complete_result_is_compared_from_its_first_frame(source, tmp_path):
     result = takes.composite(source, tmp_path / "whole.mp4")
     verdict = found(result, source, search_range=True)
     assert texts(verdict) == [] and not any("--range" in note for note in verdict.notes)
+
+
+def test_complete_result_of_a_trimmed_plate_is_not_taken_for_a_part(source, tmp_path):
+    plate = trim(source, tmp_path / "in.mp4", 16)
+    result = takes.composite(plate, tmp_path / "out.mp4", audio=False)
+    verdict = found(result, plate, search_range=True)
+    assert verdict.frames == (8, 8)
+    assert not any("--range" in note for note in verdict.notes)
 
 
 def crossing(folder, edit=lambda pictures, plates: None):

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from support import shots
-from support.clips import write_clip
+from support.clips import trim, write_clip
 from support.command import nlens
 from support.studio import TABLES, write_shot
 
@@ -221,11 +221,18 @@ def test_frames_are_counted_where_the_sound_is_longer_and_no_header_tells(tmp_pa
     path = write_clip(tmp_path / name, frames, codec=codec, audio=sound)
     source = SourceSettings(spec=str(path))
     plate = PlateFrames(source)
-    assert plate.info.frame_count != 6  # by the duration of the longest stream
     assert plate.count() == 6
     assert plate.frame(5).index == 5
     with pytest.raises(InputError, match="has no frame 6"):
         plate.frame(6)
+    plate.close()
+
+
+def test_frames_that_an_edit_list_leaves_out_do_not_count(tmp_path):
+    whole = shots.write_video(tmp_path / "whole.mp4", frames=24, audio=False)
+    plate = PlateFrames(SourceSettings(spec=str(trim(whole, tmp_path / "in.mp4", 16))))
+    assert plate.count() == 8
+    assert plate.frame(7).index == 7
     plate.close()
 
 

@@ -73,6 +73,21 @@ def write_clip(
     return path
 
 
+def trim(path, target, frames, **options):
+    """Copy a file's video and let an edit list leave out its first frames, as phones trim."""
+    with av.open(str(path)) as given, av.open(str(target), "w", options=options) as made:
+        video = given.streams.video[0]
+        stream = made.add_stream_from_template(video)
+        for packet in given.demux(video):
+            if packet.dts is None:
+                continue
+            ticks = round(frames / video.average_rate / packet.time_base)
+            packet.pts, packet.dts = packet.pts - ticks, packet.dts - ticks
+            packet.stream = stream
+            made.mux(packet)
+    return target
+
+
 def read_times(path):
     """Presentation times [s], exact."""
     with av.open(str(path)) as source:

@@ -1,4 +1,4 @@
-"""Times and random access points of a file's frames, by its packets; nothing is decoded."""
+"""Count, times and random access points of a file's frames, by its packets; nothing is decoded."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from itertools import accumulate
 from typing import TypeAlias
 
 import av
+from av.container import InputContainer
 from av.video.stream import VideoStream
 
 from nlens_video.core.errors import InputError
@@ -48,6 +49,21 @@ class PacketIndex:
         limit = self.pts[number] - ticks
         early = [at for at in self.starts if at <= number and self.pts[at] <= limit]
         return early[-2] if len(early) > 1 else 0
+
+
+def stated_frames(container: InputContainer, stream: VideoStream) -> int | None:
+    """Number of frames that are shown, as a file states it; None where it does not [1].
+
+    The header of an MP4 counts what is stored before the first fragment. FFmpeg's index of it has
+    the fragments as well, and marks what its edit list leaves out.
+
+    Args:
+        container: an open file.
+        stream: its video.
+    """
+    if stream.frames and "mp4" in container.format.name:
+        return sum(not entry.is_discard for entry in stream.index_entries) or None
+    return stream.frames or None
 
 
 def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction
 
 import av
@@ -16,6 +17,7 @@ from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
 from nlens_video.video.input.open import videos
+from nlens_video.video.input.packet_index import stated_frames
 from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
@@ -26,6 +28,7 @@ _BT601 = 5
 _FIELD_ORDERS = {2: "tt", 3: "bb", 4: "tb", 5: "bt"}
 """Names of FFmpeg's field orders; others are progressive or unknown."""
 _RATE_TOLERANCE = Fraction(1, 1000)
+_CLOCK = re.compile(r"(\d+):(\d\d):(\d\d\.?\d*)")
 _TS_DISCONT = 0x0200
 """FFmpeg's flag of formats whose clock may leap: MPEG-TS, MPEG program streams, HLS, Ogg."""
 
@@ -59,7 +62,8 @@ def describe(
     rate = stream.average_rate or stream.guessed_rate or stream.base_rate
     duration = _duration(stream, container)
     order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
-    count = stream.frames or (round(duration * rate) if duration and rate else None)
+    length = _own_length(stream) or duration
+    count = stated_frames(container, stream) or (round(length * rate) if length and rate else None)
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
         orientation=worked.orientation, time_base=stream.time_base or Fraction(1, 1000),
@@ -203,7 +207,13 @@ def _left_out(
 def _duration(
     stream: av.video.stream.VideoStream, container: av.container.InputContainer
 ) -> float | None:
-    """Length [s], None where it is unknown."""
+    """Length [s], None where it is unknown; in Matroska that of the longest stream."""
     if stream.duration and stream.time_base:
         return float(stream.duration * stream.time_base)
     return container.duration / av.time_base if container.duration else None
+
+
+def _own_length(stream: av.video.stream.VideoStream) -> float | None:
+    """Length of the video alone by its tag in Matroska [s], None without one."""
+    told = _CLOCK.fullmatch(stream.metadata.get("DURATION", ""))
+    return None if told is None else 3600 * int(told[1]) + 60 * int(told[2]) + float(told[3])
