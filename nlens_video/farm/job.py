@@ -151,14 +151,16 @@ def check_chunkable(settings: Settings) -> OutputSettings:
     """
     first, end = settings.source.frames
     ranged = "--range or --frame" if end == first + 1 else "--range"
-    for option, given in (
-        (ranged, (first, end) != (0, None)),
-        ("--report", settings.report is not None),
-        ("--aov", settings.aov is not None),
-        ("--timings", settings.timings is not None),
-    ):
-        if given:
-            raise UsageError(f"{option}: chunks are made of all frames and only them; leave it out")
+    if (first, end) != (0, None):
+        raise UsageError(f"{ranged}: chunks are made of all frames and only them; leave it out")
+    for option, place in (
+        ("--report", settings.report), ("--aov", settings.aov), ("--timings", settings.timings),
+    ):  # fmt: skip
+        if place is not None:
+            raise UsageError(
+                f"{option}: is written by runs that render all frames at once, not in chunks; "
+                "leave it out"
+            )
     if settings.save_fit is not None:
         raise UsageError("--save-fit: belongs to single runs; keep the lens with nlens-video fit")
     if settings.output is None:

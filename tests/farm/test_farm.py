@@ -192,7 +192,7 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
         (
             '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n[[shot]]\nin = "a"\nobject = "b"\n'
             'out = "d.mkv"\noptions = ["--timings", "t.json"]',
-            "jobs.toml: shot 2: --timings: chunks are made of all frames",
+            "jobs.toml: shot 2: --timings: is written by runs that render all frames at once",
         ),
         (2 * '[[shot]]\nin = "a"\nobject = "b"\nout = "c.mkv"\n', "two shots write c.mkv"),
         ('[[shot]]\nshot = "a.toml"\nin = "b"', "no 'in' there; expected shot, options"),
@@ -252,11 +252,16 @@ def test_chunk_ranges_cover_every_frame_once():
 
 
 def test_farm_refuses_options_of_single_runs(shot, tmp_path):
-    named = {"--frame": "--range or --frame"}
-    for more in (["--range", "2:4"], ["--frame", "3"], ["--timings", "t.json"], ["--report", "r"]):
+    refused = (
+        (["--range", "2:4"], "--range: chunks are made of all frames"),
+        (["--frame", "3"], "--range or --frame: chunks are made of all frames"),
+        (["--timings", "t.json"], "--timings: is written by runs that render all frames at once"),
+        (["--report", "r"], "--report: is written by runs that render all frames at once"),
+        (["--aov", "layers"], "--aov: is written by runs that render all frames at once"),
+    )
+    for more, said in refused:
         run = settings(parse(["farm", *arguments(shot, "no.mkv", *more)]))
-        said = f"^{named.get(more[0], more[0])}: chunks are made of all frames"
-        with pytest.raises(UsageError, match=said):
+        with pytest.raises(UsageError, match=f"^{said}"):
             run_job(run, tmp_path, 1.0, None)
     assert not list(Path(tmp_path).iterdir())
 
