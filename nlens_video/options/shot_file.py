@@ -157,7 +157,10 @@ def read_tables(path: Path) -> Tables:
     version = tables.pop("version", None)
     if isinstance(version, bool) or version not in (VERSION, LISTS):
         said = "says no version" if version is None else f"has version {version}"
-        raise UsageError(f"{path}: {said}; a shot file begins with version = {VERSION}")
+        raise UsageError(
+            f"{path}: {said}; a shot file begins with version = {VERSION}, or with "
+            f"version = {LISTS} if it has [[object]]"
+        )
     if is_listed(tables) and version != LISTS:
         raise UsageError(f"{path}: has [[object]]; then it begins with version = {LISTS}")
     return tables

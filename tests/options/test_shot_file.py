@@ -222,8 +222,8 @@ def parse_env(word):
     ("text", "said"),
     [
         ("version 1", "cannot be read as a shot file"),
-        ("[plate]\n", "says no version; a shot file begins with version = 1"),
-        ("version = 3\n", "has version 3"),
+        ("[plate]\n", "says no version; a shot file begins with version = 1, or with"),
+        ("version = 3\n", "has version 3; a shot file begins with version = 1, or with"),
         ("version = true\n", "has version True"),
         ("version = 1\n[plat]\n", "there is no table [plat]; did you mean plate?"),
         ("version = 1\n[xyz]\n", "there is no table [xyz]; there are plate, object"),

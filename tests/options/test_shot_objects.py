@@ -155,7 +155,7 @@ OBJECTS = '[[object]]\nfile = "a.glb"\nat = [0.5, 0.8]\nsize = 0.2\n'
     ("text", "words"),
     [
         (HEAD.replace("2", "1") + OBJECTS, "begins with version = 2"),
-        (HEAD.replace("2", "3") + OBJECTS, "has version 3"),
+        (HEAD.replace("2", "3") + OBJECTS, r"version 3; .* or with version = 2 if it has \[\[obj"),
         (HEAD + OBJECTS + "[place]\nyaw = 3\n", r"\[place\] is of a single"),
         ('object = ["a.glb"]\n' + HEAD, r"begin each with \[\[object\]\]"),
         (HEAD + OBJECTS + "siez = 1\n", r"\[\[object\]\] 1: there is no siez; did you mean size"),
