@@ -151,7 +151,8 @@ def compare(
         found += judge_object(track, noise)
     found += judge_plate(measures, tracks)
     found += judge_drift(measures.drift)
-    missing = 0 if made.info.kind in _SILENT else max(0, len(codecs[0]) - len(codecs[1]))
+    heard = len(readers[0].heard)  # a range that a stream does not reach is without it
+    missing = 0 if made.info.kind in _SILENT else max(0, heard - len(codecs[1]))
     found += judge_sound(sound, missing)
     largest = max(tracks, key=lambda one: sum(one.area), default=None)
     bends = (0.0, 0.0) if largest is None else median_bends(largest)
@@ -180,7 +181,10 @@ def compare(
 
 @dataclass(slots=True)
 class _Reader:
-    """Reads one source: yields the features of its frames, passes its audio to `sound`."""
+    """Reads one source: yields the features of its frames, passes its audio to `sound`.
+
+    `heard` holds the numbers of the audio streams that have packets in the range.
+    """
 
     source: Source
     frames: tuple[int, int | None]
@@ -191,6 +195,7 @@ class _Reader:
     start_s: float = 0.0
     first_pts: int | None = None
     streams: list[int] = field(default_factory=list)
+    heard: set[int] = field(default_factory=set)
 
     def features(self) -> Generator[FrameFeatures]:
         """The frames, numbered from 0."""
@@ -215,7 +220,10 @@ class _Reader:
 
     def _add_sound(self, packet: Packet, first_s: float) -> None:
         number = packet.stream_index
-        place = self.streams.index(number) if number in self.streams else len(self.sound)
+        if number not in self.streams:
+            return
+        self.heard.add(number)
+        place = self.streams.index(number)
         if place < len(self.sound):
             self.sound[place].add(packet, first_s, from_plate=self.from_plate)
 

@@ -310,6 +310,15 @@ def test_result_of_a_given_range_is_compared_with_that_range(source, tmp_path):
     assert told.frames == (8, 8) and [one.kind for one in told.findings] == ["sound"]
 
 
+def test_sound_is_not_missing_from_a_range_that_it_does_not_reach(tmp_path):
+    pictures = [takes.plate(n) for n in range(takes.FRAMES)]
+    plate = takes.encode(tmp_path / "in.mp4", pictures, audio_shift_s=0.6)
+    for frames, kinds in (((4, 8), []), ((4, 20), ["sound"])):
+        result = part_of(plate, tmp_path / "part.mp4", *frames)
+        told = compare(str(result), SourceSettings(spec=str(plate), frames=frames)).verdict
+        assert [one.kind for one in told.findings] == kinds
+
+
 def test_range_of_a_result_is_detected_and_noted(source, tmp_path):
     result = part_of(source, tmp_path / "part.mp4", 9, 17)
     verdict = found(result, source, search_range=True)
