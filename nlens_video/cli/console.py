@@ -66,41 +66,9 @@ class Console:
         if not self._progress:
             yield lambda done, total: None
             return
-        from rich.progress import (
-            BarColumn,
-            Progress,
-            TaskProgressColumn,
-            TextColumn,
-            TimeRemainingColumn,
-        )
+        from nlens_video.cli.progress_bar import progress_bar  # loads much of Rich
 
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TextColumn("{task.fields[pace]}"),
-            TimeRemainingColumn(compact=True),
-        )
-        with Progress(
-            *columns,
-            console=self._console,
-            transient=True,
-            redirect_stdout=False,  # the output of libraries goes to standard error as it is
-            redirect_stderr=False,
-        ) as bar:
-            task = bar.add_task("starting", total=None, pace="")
-
-            def on_progress(done: int, total: int | None) -> None:
-                if not done:  # a farm reports the total first
-                    bar.update(task, total=total)
-                    return
-                elapsed = bar.tasks[0].elapsed or 0.0
-                fps = f", {done / elapsed:.1f} fps" if elapsed > 0 else ""
-                frames = "1 frame" if done == 1 else f"{done} frames"
-                bar.update(
-                    task, completed=done, total=total, description=what, pace=f"{frames}{fps}"
-                )
-
+        with progress_bar(self._console, what) as on_progress:
             yield on_progress
 
     def plan(self, lines: Sequence[str]) -> None:

@@ -59,6 +59,9 @@ def test_progress_is_one_line_at_every_width_and_is_cleared(files, tmp_path, col
         terminal.wait_for("compositing")
         bar = terminal.wait_for(lambda screen: re.search(r"[1-9]\d* frames", screen) is not None)
         assert len(bar.splitlines()) == 1, bar
+        assert re.search(r"^compositing .*\d% \d+ frames.* (\d?\d:\d\d|--:--)$", bar), bar
+        cells = len(re.findall("[━╸╺]", bar))
+        assert cells == 0 or cells >= 10, bar
         assert terminal.end() == 0
     assert "compositing" not in terminal.screen and "wrote" in terminal.text
 
