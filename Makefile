@@ -11,7 +11,7 @@
 # make gallery  the pictures of docs/gallery
 # make hard    docs/hard.md and its pictures: every case of tests/hard
 # make docs    the documentation as a site: site/index.html
-# make golden  are the results the bits they were: twenty runs against their recorded hashes
+# make golden  are the results the bits they were: eight runs, twenty with the ground truth
 # make addon   the add-on for Blender, to install there: dist/nlens_video_blender.zip
 # make bench   time of each node of the demo, and its ratio to plain decode + encode
 

@@ -50,8 +50,8 @@ def cases(truth: Path) -> Iterator[tuple[str, list[str]]]:
         yield f"demo {preset}", [*DEMO, "OUT.mkv", "--preset", preset, "--range", f"0:{frames}"]
     yield "demo every effect", [*DEMO, "OUT.mkv", "--range", "40:52", *EVERY_EFFECT]
     yield "demo layers", [*DEMO, "OUT.mkv", "--range", "60:63", "--aov", "AOV"]
-    terrace = ["samples/in2.mp4", "samples/anim2.glb", "OUT.mkv"]
-    yield "terrace realtime", [*terrace, "--preset", "realtime", "--range", "0:12"]
+    park = ["samples/in2.mp4", "samples/anim2.glb", "OUT.mkv"]
+    yield "park realtime", [*park, "--preset", "realtime", "--range", "0:12"]
     for name in PLATES:
         plate = truth / name
         if plate.is_dir():

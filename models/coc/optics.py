@@ -51,7 +51,7 @@ def polygon_aperture(blades: int, turn: float) -> Aperture:
         turn: rotation [rad].
     """
     apothem = np.sqrt(np.pi / (blades * np.tan(np.pi / blades)))
-    height = np.linspace(-1.0, 1.0, ROWS) * 1.0
+    height = np.linspace(-1.0, 1.0, ROWS)
     left, right = np.full(ROWS, -2.0), np.full(ROWS, 2.0)
     for blade in range(blades):
         angle = turn + 2 * np.pi * blade / blades

@@ -11,6 +11,7 @@ import numpy as np
 
 from nlens_video.check.levels import WHITE, alpha_levels, goes_above_white, levels
 from nlens_video.core import signals
+from nlens_video.core.color import luma as luma_weights
 from nlens_video.core.layers import Float32
 from nlens_video.core.settings import SourceSettings
 from nlens_video.video.info import SourceFrame, SourceInfo
@@ -23,7 +24,7 @@ BLOCK_PX = 8
 """Edge of a block; those of common codecs, so that their noise averages out inside one [px]."""
 _BAND_PX = (1.0, 4.0)  # in finer detail, encoding noise is stronger than what the lens resolves
 _CHROMA = ((2, 1 / 1.8556), (0, 1 / 1.5748))  # of B - Y and R - Y, as BT.709 scales them
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_BT709 = luma_weights("bt709").astype(np.float32)
 _MOST = 10.0  # limit of a block's misfit: the object is in the result alone [level]
 _CLEARER = 0.97  # of the misfit of the plate's first frame: a still camera's frames differ little
 _FAR_CLEARER = 0.6  # of that misfit: a frame that matches so well is not mistaken for another
@@ -59,7 +60,7 @@ class FrameFeatures:
             luma + self.colour[..., place] / np.float32(scale)
             for place, (_, scale) in enumerate(_CHROMA, 1)
         )
-        green = (luma - _LUMA[0] * red - _LUMA[2] * blue) / _LUMA[1]
+        green = (luma - _BT709[0] * red - _BT709[2] * blue) / _BT709[1]
         return red, green, blue
 
 
@@ -78,7 +79,7 @@ def frame_features(frame: SourceFrame, first_pts: int, *, above_white: bool) -> 
         raise TypeError(f"{type(frame.picture).__name__} has no samples")
     samples = frame.picture.samples()
     rgb, alpha = levels(samples, above_white=above_white), alpha_levels(samples)
-    luma: Float32 = np.ascontiguousarray(rgb @ _LUMA, np.float32)
+    luma: Float32 = np.ascontiguousarray(rgb @ _BT709, np.float32)
     fine, coarse = (cv2.GaussianBlur(luma, (0, 0), sigma) for sigma in _BAND_PX)
     return FrameFeatures(
         index=frame.index,

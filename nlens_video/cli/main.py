@@ -131,8 +131,8 @@ def _run(argv: list[str]) -> int:
     check_outputs(args, overwrite=getattr(args, "overwrite", False))
     if getattr(args, "save_shot", None) is not None:
         shot_writer.save(args.save_shot, args.given)
-    if args.command in _SIDE_COMMANDS:
-        return _SIDE_COMMANDS[args.command](args)
+    if args.command in _COMMANDS:
+        return _COMMANDS[args.command](args)
     with loading():
         from nlens_video.cli.console import Console
     console = Console(
@@ -288,7 +288,7 @@ def _graph(args: Namespace) -> int:
     return 0
 
 
-_SIDE_COMMANDS: dict[str, Callable[[Namespace], int]] = {
+_COMMANDS: dict[str, Callable[[Namespace], int]] = {
     "doctor": _doctor,
     "evaluate": _evaluate,
     "check": _check,

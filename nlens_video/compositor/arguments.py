@@ -218,8 +218,9 @@ _NUMBER = r"-?\d[\d.]*"
 _PLACEHOLDER = re.compile(r"[A-Z][A-Z0-9,]*(\.[a-z]+)?")
 _FLAG = re.compile(r"--(?P<name>[a-z][a-z-]*)(?P<gap>[ =](?P<value>[^\s;:()]*[^\s;:(),.]))?")
 _VALUES = frozenset(
-    [*EFFECTS, "auto", "all", "none", "off", "constant", "cpu", "cuda"]
-    + ["draft", "realtime", "standard", "reference", "paper"]
+    [*EFFECTS, "auto", "all", "none", "off", "round", "draft", "realtime", "standard"]
+    + ["reference", "paper"]
+    + [choice for option in PARAMETERS.values() for choice in option.choices or ()]
 )
 
 

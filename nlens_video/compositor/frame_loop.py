@@ -127,7 +127,7 @@ class FrameLoop:
         session.executor.run(state, session.graph.nodes)
         # another program's memory may be gone by the time that the last picture is shown
         self.last = None if isinstance(picture, MemoryPicture) else picture
-        self.profiler.close_frame(index, index, warm_up=state.carried_fit)
+        self.profiler.close_frame(index, index, warm_up=state.fitted_here)
         self._count += 1
 
     def close(self) -> None:

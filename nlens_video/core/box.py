@@ -114,12 +114,14 @@ def square_radius(box: Box, frame: Box) -> Float32:
 
 
 def undistorted_radius(k1: float, k2: float, distorted: Float64) -> Float64:
-    """Inverse of Brown's model: undistorted radii, infinite where there is none.
+    """Inverse of `optics.Distortion`: undistorted radii, infinite where there is none.
+
+    Interpolated between 16384 radii.
 
     Args:
-        k1: [1].
-        k2: [1].
-        distorted: radii, any shape, in the model's unit.
+        k1: as of `Distortion` [1].
+        k2: likewise [1].
+        distorted: radii, any shape, in half diagonals or focal lengths.
     """
     limit = 4.0 * float(np.max(distorted, initial=0.0)) + 1e-6
     r = np.linspace(0.0, limit, 16384)

@@ -43,7 +43,8 @@ class LensFit:
         width: width of the frame whose pixels the diameters count [px].
         height: height of that frame [px].
         frame: index of the frame the fit was made on [1].
-        sign: `resolved` by the data, `assumed` by the paper's rule, or `ambiguous`.
+        sign: `resolved` by the data; `assumed`: given (`--prefer`), of one CoC for all depths, or
+            lent by other frames; or `ambiguous`.
         sign_margin: relative cost by which the other sign fits worse, 0 = not at all [1].
         other: slope and intercept of the best lens of the other sign, where the plate does not
             tell the sign [px * scene unit, px].

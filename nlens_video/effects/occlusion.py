@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from nlens_video.core.color import luma
 from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.occlusion_cues import MovingMatte
@@ -32,7 +33,7 @@ NEARER = 0.02
 """Share of the object's distance by which a depth must be nearer: the ground that it stands on is
 as far as its feet [1]."""
 _PURE = 1e-3  # a share this near to 0 or 1 is one of the two alone
-_LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LUMA = luma("bt709").astype(np.float32)
 _SMOOTHEST = 1e-4  # variance of display codes below which a picture has no edge
 _LEFT_BEYOND, _FULL = 0.45, 0.95
 _SOFTEST_PX = 1.0  # least blur of an edge: a depth map has no antialiasing [px]

@@ -10,9 +10,11 @@ from typing import Literal, cast, get_args
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import Shutter
 from nlens_video.effects import scene_calls
+from nlens_video.effects.exposure import NEGLIGIBLE_LEVELS
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.measurement import PLATE_EFFECTS, Measurement
 from nlens_video.effects.scene_calls import EACH_FRAME
+from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 
 DEFOCUS = "defocus"
 SHADOW = "shadow"
@@ -219,7 +221,10 @@ def _requested(called_for: Decision, asked: EffectRequest) -> Decision:
 def _called_for(shot: ShotFacts) -> list[Decision]:
     """The decisions of `auto`."""
     by_scene = {
-        DEFOCUS: (True, f"{EACH_FRAME}: called for where the object's CoC reaches 0.5 px"),
+        DEFOCUS: (
+            True,
+            f"{EACH_FRAME}: called for where the object's CoC reaches {NEGLIGIBLE_COC_PX:g} px",
+        ),
         SHADOW: scene_calls.shadow(shot),
         SELF_SHADOW: scene_calls.self_shadow(shot),
         REFLECTION: scene_calls.reflection(shot),
@@ -258,9 +263,14 @@ def _exposure(shot: ShotFacts) -> Decision:
     if not shot.shutter.frame_s:
         return Decision(effect=EXPOSURE, wanted=False, reason="a still has no later frame")
     reason = (
-        f"{EACH_FRAME}: called for where the plate's light differs from the first "
-        "frame's by 2 of 255 levels"
+        f"{EACH_FRAME}: called for where the plate's light differs from the first frame's by more "
+        f"than {NEGLIGIBLE_LEVELS:g} of 255 levels, in full from {2.0 * NEGLIGIBLE_LEVELS:g}"
     )
     return Decision(
-        effect=EXPOSURE, wanted=True, reason=reason, threshold=2.0, unit="levels", cost_ms=0.5
+        effect=EXPOSURE,
+        wanted=True,
+        reason=reason,
+        threshold=NEGLIGIBLE_LEVELS,
+        unit="levels",
+        cost_ms=0.5,
     )

@@ -9,11 +9,12 @@ from typing import Generic, TypeVar, overload
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32, Picture
+from nlens_video.scene.illumination import LUMINANCE
 from nlens_video.stages.f_coc import still_run
 
 _MOST_STILL = 5  # pictures of a still camera that are decoded
 _MOST_COLUMNS, _MOST_ROWS = 1280, 720
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LUMINANCE = LUMINANCE.astype(np.float32)
 T = TypeVar("T")
 
 

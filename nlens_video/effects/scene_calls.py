@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from nlens_video.effects.motion_blur import NEGLIGIBLE_SPAN_PX
+
 if TYPE_CHECKING:
     from nlens_video.effects.planner import ShotFacts
 
@@ -22,8 +24,9 @@ def motion_blur(shot: ShotFacts) -> tuple[bool, str]:
     if not shutter.open_s:
         return False, "--shutter-angle 0"
     return True, (
-        f"{EACH_FRAME}: called for where the object moves by 1 px while the shutter "
-        f"is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, {shutter.source})"
+        f"{EACH_FRAME}: called for where the object moves by {NEGLIGIBLE_SPAN_PX:g} px "
+        f"while the shutter is open ({shutter.angle_deg:.4g} degrees or {shutter.open_s:.3g} s, "
+        f"{shutter.source})"
     )
 
 

@@ -217,10 +217,10 @@ class QualityExecutor:
         if lane == "composite":
             state.frame.picture.crossfade(previous.picture, previous.blend_weight)
 
-    def wrote(self, state: FrameState, timing: FrameTiming) -> None:
+    def on_written(self, state: FrameState, timing: FrameTiming) -> None:
         """A frame is written: learn from its time."""
         self._frames[state.level] += 1
-        if state.crossfade is None and not state.carried_fit:
+        if state.crossfade is None and not state.fitted_here:
             self._control.observe(timing.index, state.level, timing.total_ms)
 
     def describe(self) -> tuple[str, ...]:

@@ -103,7 +103,7 @@ def open_dependencies(
         measured=effects.measured,
         occlusion=opening.result()[0],
         reflectance=REFLECTANCE if given is None else given,
-        first_telling=plate.first_telling,
+        first_lit_frame=plate.first_lit_frame,
     )
     return context, effects
 

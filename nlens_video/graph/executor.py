@@ -41,7 +41,7 @@ class FrameState:
     Attributes:
         frame: as the source gave it.
         values: of the ports.
-        carried_fit: whether the lens was fitted on this frame.
+        fitted_here: whether the lens was fitted on this frame.
         started: whether the first lane has set the lens as it was known at that moment.
         level: name of its graph under adaptive quality, else empty.
         blend_weight: of its picture in the frame that is written, 0 to 1 [1].
@@ -52,7 +52,7 @@ class FrameState:
 
     frame: SourceFrame
     values: FrameValues
-    carried_fit: bool = False
+    fitted_here: bool = False
     started: bool = False
     level: str = ""
     blend_weight: float = 1.0
@@ -262,7 +262,7 @@ class GraphExecutor:
         found = state.values.found_lens
         if found is not None:
             self.fit = state.values.fit = found.fit
-            state.carried_fit = True
+            state.fitted_here = True
             if self._zoom is not None:
                 self._zoom.fitted_s = state.frame.time_s
             if self._live is not None:

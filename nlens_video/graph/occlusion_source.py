@@ -76,7 +76,7 @@ def open_occlusion_source(
             return plate_coc
         return estimate(picture, ())
 
-    source = OcclusionSource("F: CoC network on each frame, onnxruntime on the CPU", coc_of_frame)
+    source = OcclusionSource("F: CoC network on each frame, onnxruntime", coc_of_frame)
     reason = "--occlusion auto: where the plate's CoC is certainly of nearer things"
     return source, Finding(reason, wanted=True) if real.occlusion == "auto" else finding
 

@@ -120,10 +120,10 @@ class Session:
             if occlusion is not None:
                 occlusion.close()
 
-    def wrote(self, state: FrameState, timing: FrameTiming) -> None:
-        """A frame is written: what holds the budget learns from its time."""
+    def on_written(self, state: FrameState, timing: FrameTiming) -> None:
+        """Tell adaptive quality the time of a frame that was written."""
         if self.quality is not None:
-            self.quality.wrote(state, timing)
+            self.quality.on_written(state, timing)
 
     def workers(self) -> list[Worker[object]]:
         """For `run_workers`."""

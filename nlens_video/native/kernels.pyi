@@ -215,7 +215,6 @@ def light_layers(rows: Float32, paint: _Paint, lights: _Lights, /) -> None: ...
 # light.cpp; rows of a block of 64 points
 SURROUND_LEVELS: int
 SURROUND_ROUGHEST: float
-SURROUND_SOFT: float
 
 def light_points(rows: Float32, lights: _Lights, /) -> None: ...
 

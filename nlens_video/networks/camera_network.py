@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from nlens_video.core.layers import Float32
-from nlens_video.networks.onnx_networks import Session
+from nlens_video.networks.onnx_networks import OnnxSession
 from nlens_video.solve.still.picture_cue import CHANNELS, COLUMNS, ROWS
 
 
@@ -21,7 +21,7 @@ class OnnxCameraNetwork:
     """
 
     def __init__(self, path: Path) -> None:
-        self._session = Session(
+        self._session = OnnxSession(
             path, ["features", "aspect"], ["answer"], made_by="models/camera/export.py"
         )
 

@@ -47,7 +47,7 @@ HALO_ROWS = 20
 """Rows around a strip that its result depends on: eight convolutions at half the size, rounded."""
 
 
-class Session:
+class OnnxSession:
     """A session of one ONNX file, whose inputs and outputs are checked.
 
     If the GPU fails, as a rule for lack of memory, the CPU runs the network from then on.
@@ -151,7 +151,7 @@ class OnnxCocNetwork(AbstractContextManager["OnnxCocNetwork"]):
 
     Args:
         path: input `rgb` (1, H, W, 3), outputs `coc_px`, `sigma_px` (1, h, w).
-        device: where it runs; see `Session`.
+        device: where it runs; see `OnnxSession`.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
@@ -161,7 +161,7 @@ class OnnxCocNetwork(AbstractContextManager["OnnxCocNetwork"]):
     """Height and width of the input must be multiples of this [px]."""
 
     def __init__(self, path: Path, device: DeviceChoice = CPU) -> None:
-        self._session: Session | None = Session(
+        self._session: OnnxSession | None = OnnxSession(
             path, ["rgb"], ["coc_px", "sigma_px"], made_by="models/coc/export.py", device=device
         )
         self._prior = _prior(self._session.metadata.get(PRIOR))
@@ -199,14 +199,14 @@ class OnnxRepairNetwork:
 
     Args:
         path: input `geometry` (1, h, w, CHANNELS), output `judgement` (1, h, w, 2).
-        device: where it runs; see `Session`.
+        device: where it runs; see `OnnxSession`.
 
     Raises:
         NlensError: the file is no ONNX model, or one with other inputs and outputs.
     """
 
     def __init__(self, path: Path, device: DeviceChoice = CPU) -> None:
-        self._session = Session(
+        self._session = OnnxSession(
             path, ["geometry"], ["judgement"], made_by="models/reblur/export.py", device=device
         )
 
@@ -239,8 +239,10 @@ class OnnxPaperNetworks:
 
     def __init__(self, arnet: Path, iunet: Path) -> None:
         made_by = "models/paper/export.py"
-        self._arnet = Session(arnet, ["code", "defocus"], ["rendered"], made_by=made_by)
-        self._iunet = Session(iunet, ["code", "defocus", "coarse"], ["refined"], made_by=made_by)
+        self._arnet = OnnxSession(arnet, ["code", "defocus"], ["rendered"], made_by=made_by)
+        self._iunet = OnnxSession(
+            iunet, ["code", "defocus", "coarse"], ["refined"], made_by=made_by
+        )
 
     def render(self, code: Float32, defocus: Float32) -> tuple[Float32, Float32]:
         """ARNet; see `PaperNetworks`."""

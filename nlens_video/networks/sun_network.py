@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from nlens_video.core.layers import Float32
-from nlens_video.networks.onnx_networks import Session
+from nlens_video.networks.onnx_networks import OnnxSession
 from nlens_video.scene.plate_sun import CHANNELS, MAP_COLUMNS, MAP_ROWS
 
 
@@ -20,7 +20,7 @@ class OnnxSunNetwork:
     """
 
     def __init__(self, path: Path) -> None:
-        self._session = Session(path, ["features"], ["answer"], made_by="models/sun/export.py")
+        self._session = OnnxSession(path, ["features"], ["answer"], made_by="models/sun/export.py")
 
     def __call__(self, features: Float32) -> Float32:
         """Read one plate; see `SunNetwork`.

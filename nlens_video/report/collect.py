@@ -80,7 +80,7 @@ class Report(Observer):
         frame, composited, layer = state.frame, state.composited, state.values.defocused
         with self._lock:
             plate = self._plates.pop(frame.index, None)
-        due = state.carried_fit if self._awaits_fit else composited
+        due = state.fitted_here if self._awaits_fit else composited
         if due and plate is not None and self._main is None:
             self._main = MainFrame(
                 index=frame.index,
@@ -99,7 +99,7 @@ class Report(Observer):
                     largest_coc_px=None if layer is None else layer.largest_coc_px,
                 )
             )
-        if state.carried_fit:
+        if state.fitted_here:
             self._warm_up = timing
         else:
             self._timings.add(timing)

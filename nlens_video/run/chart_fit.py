@@ -17,6 +17,7 @@ from nlens_video.graph.nodes.known_lens_fit import fit_with_known
 from nlens_video.run.checks.interlaced import notes_on_fields
 from nlens_video.run.open_run import open_run
 from nlens_video.scene.camera import Camera
+from nlens_video.scene.illumination import LUMINANCE
 from nlens_video.solve.edge_blur import PARTS, edge_blurs
 from nlens_video.solve.marker_edges import refine
 from nlens_video.solve.markers import MarkerFinder
@@ -29,7 +30,6 @@ _FEWEST = 8  # parts of edges
 _MOST_ERROR_PX = 3.0  # of the CoC at infinity, where the markers show no slope
 _ONE_DISTANCE = 1.1  # largest by smallest disparity: up to it there is about one [1]
 _DISTANCES = 3  # at two, one lens has its focus between them and another one beside them
-_LUMA = np.array([0.2126, 0.7152, 0.0722])
 _SQUARE = np.array([(-0.5, 0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, -0.5)])  # as OpenCV orders it
 
 
@@ -152,7 +152,7 @@ def _not_told(distances: int, left_out: int, found: int) -> LensFitError:
 
 def _measured(finder: MarkerFinder, picture: Picture, camera: Camera, side: float) -> list[Float64]:
     """Disparity, CoC and error (N, 3) of the edges of each marker of a picture."""
-    light: Float64 = picture.linear(Box(0, 0, picture.width, picture.height)) @ _LUMA
+    light: Float64 = picture.linear(Box(0, 0, picture.width, picture.height)) @ LUMINANCE
     coded = np.clip(light, 0.0, 1.0) ** (1.0 / 2.2)
     before = len(finder.sightings()[0])
     finder.add(np.asarray(255.0 * coded, np.uint8))

@@ -80,7 +80,7 @@ def find_fit(settings: Settings, search_frames: float = FIT_SEARCH_FRAMES) -> Fi
             signals.check()
             session.executor.run(state, find_lens)
             frame = state.frame
-            timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.carried_fit)
+            timing = profiler.close_frame(frame.index, frame.pts, warm_up=state.fitted_here)
             sidecars.frame(state, timing)
             if session.executor.fit is not None or seen >= search_frames:
                 break

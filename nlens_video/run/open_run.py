@@ -120,10 +120,12 @@ def open_run(
         NlensError: as `run.render`.
     """
     with opened(settings.source) as source:
-        yield take_in(source, settings, profiler, ShotPasses(lambda: LensPasses(others=others)))
+        yield build_run_input(
+            source, settings, profiler, ShotPasses(lambda: LensPasses(others=others))
+        )
 
 
-def take_in(
+def build_run_input(
     source: Source,
     settings: Settings,
     profiler: Profiler,

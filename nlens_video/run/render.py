@@ -22,7 +22,7 @@ from nlens_video.run.checks.lens_told import check_lens_told
 from nlens_video.run.checks.plate_checks import PlateChecks, notes_beforehand
 from nlens_video.run.first_look import FirstLook, begun_look
 from nlens_video.run.observers import SidecarOutputs, note_on_complete_result, observers
-from nlens_video.run.open_run import open_run, take_in
+from nlens_video.run.open_run import build_run_input, open_run
 from nlens_video.run.plate_source import frame_s, opened
 from nlens_video.run.pooled_samples import passes
 from nlens_video.run.preflight import (
@@ -142,7 +142,7 @@ def render(
         stack.enter_context(sink)
         profiler = Profiler(settings.budget_ms)
         known = passes(settings, look or stack.enter_context(begun_look(settings)))
-        run_input = take_in(source, settings, profiler, known, chunks=chunks, scene=scene)
+        run_input = build_run_input(source, settings, profiler, known, chunks=chunks, scene=scene)
         session = run_input.session
         stack.enter_context(WarmUp(session.nodes))
         checks = PlateChecks(settings, source.info, session, frame_s(source.info))
@@ -162,8 +162,8 @@ def render(
             frame = item.frame
             with profiler.timed(frame.index, "encode"):
                 sink.write(frame)
-            timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.carried_fit)
-            session.wrote(item, timing)
+            timing = profiler.close_frame(frame.index, frame.pts, warm_up=item.fitted_here)
+            session.on_written(item, timing)
             written += 1
             composited += item.composited
             changed = changed or item.composited or item.traced

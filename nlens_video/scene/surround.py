@@ -21,8 +21,6 @@ SIDE = 128
 LEVELS = 4
 ROUGHEST = 0.6
 """Roughness of the last level; the first is a mirror, those between are as far apart [1]."""
-SOFT = 0.4
-"""Roughness up to which the maps are taken alone; at the last level's, none of them [1]."""
 # Of each level after the first: texels along a side, and columns of the map that it is made from.
 # The wider the lobe, the fewer tell all of it.
 _FILTERED = ((40, 96), (36, 64), (28, 48))

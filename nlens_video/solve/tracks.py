@@ -96,11 +96,6 @@ class Tracker:
         places = self._points + np.float32(0.5)
         return dict(zip(self._numbers.tolist(), places, strict=True))
 
-    @property
-    def points_begun(self) -> int:
-        """Number of points so far."""
-        return self._begun
-
     def _follow(self, previous: UInt8, luma: UInt8) -> float:
         moved, found = _flow(previous, luma, self._points)
         places, alike = self._patches.find(luma, moved)

@@ -139,7 +139,7 @@ class EdgeSurroundings:
 def edge_surroundings(
     box: Box, defocused: DefocusedLayer, fit: LensFit, camera: Camera, ground_y: float
 ) -> EdgeSurroundings | None:
-    """What `past_edges` needs beside the plate, on the box of the blurred layer.
+    """What `apply_edge_parallax` needs beside the plate, on the box of the blurred layer.
 
     Args:
         box: of the object as the lens sees it, inside the frame.
@@ -167,7 +167,7 @@ def edge_surroundings(
     )
 
 
-def past_edges(
+def apply_edge_parallax(
     blurred: BlurredLayer, picture: Picture, around: EdgeSurroundings | None
 ) -> BlurredLayer:
     """The object's layer, with the plate past its edges as the free part of the aperture sees it.

@@ -20,7 +20,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, CocMap, CocPrior, Float32, Float64, Picture
+from nlens_video.core.layers import Bool, CocMap, Float32, Picture
 
 WORKING_SIDE_PX = 960
 LARGEST_COC_PX = 64.0  # of the network's training [px of the working size]
@@ -36,8 +36,6 @@ _LEAST_CURVATURE = 0.2  # of the squared difference, as a share of its least, fo
 _MOTION_WINDOW_PX = 7  # noise averages out over it, motion does not
 _NOISES = 5.0  # a change of the window's mean beyond so many deviations is motion
 _LEAST_CHANGE = 1.5 / 255  # smallest change that counts as motion [sRGB code]
-_MOST_SHRUNK = 0.8  # a posterior this wide, as a share of the prior's width, holds no evidence
-_LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
 class CocNetwork(Protocol):
@@ -258,27 +256,3 @@ def _moving(luma: Float32, other: Float32) -> Bool:
     moved = np.abs(change - whole) > max(_NOISES * noise, _LEAST_CHANGE)
     around = np.ones((2 * side + 1, 2 * side + 1), np.uint8)
     return np.asarray(cv2.dilate(moved.astype(np.uint8), around) > 0)
-
-
-def remove_prior(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
-    """Divide the training prior out of posterior estimates.
-
-    Prior and posterior are about normal in log(1 + CoC), so precisions subtract, as do means
-    weighted by them.
-
-    Args:
-        coc_px: estimated unsigned CoC diameter (N,) [px of the frame].
-        sigma_px: its expected absolute error (N,) [px of the frame].
-        prior: distribution of CoC in training.
-
-    Returns:
-        Diameter and expected absolute error (N,) of the likelihood alone [px of the frame].
-    """
-    coc, sigma = coc_px / prior.scale, sigma_px / prior.scale
-    wide = _LAPLACE * sigma / (1 + coc)
-    share = np.minimum(wide / prior.deviation, _MOST_SHRUNK) ** 2
-    log_coc = np.log1p(coc)
-    log_coc = log_coc + (log_coc - prior.mean) * share / (1 - share)
-    debiased = np.expm1(np.maximum(log_coc, 0.0))
-    error = sigma * (1 + debiased) / (1 + coc) / np.sqrt(1 - share)
-    return debiased * prior.scale, error * prior.scale

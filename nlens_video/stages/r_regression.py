@@ -23,7 +23,7 @@ from nlens_video.core.layers import CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
-from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, with_what_is_open
+from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, add_unresolved_covariance
 from nlens_video.stages.r_samples import LARGEST_AT_INFINITY, FitSamples, joined, sample_plane
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
@@ -113,7 +113,7 @@ class FitLens:
             most = LARGEST_AT_INFINITY * width / max(samples.middle, 1e-300)
             usual = min(known.usual_slope, most), samples.middle
             if sign == "resolved":
-                whole = with_what_is_open(readings, lens, None, 0.0, *usual)
+                whole = add_unresolved_covariance(readings, lens, None, 0.0, *usual)
                 if lens.slope < 2.0 * np.sqrt(whole[0, 0]):
                     sign = "ambiguous"
         other = problem.of_other_sign(lens) if sign == "ambiguous" else None
@@ -125,7 +125,7 @@ class FitLens:
         covariance = readings
         if usual is not None:
             chance = 0.5 * max(0.0, 1.0 - margin / RESOLVED_MARGIN) if sign == "ambiguous" else 0.0
-            covariance = with_what_is_open(readings, lens, other, chance, *usual)
+            covariance = add_unresolved_covariance(readings, lens, other, chance, *usual)
         weight = problem.inlier_weight(lens)
         error = lens.slope * np.abs(samples.disparity - lens.focus) - samples.coc_px
         stderr = np.sqrt(np.diag(covariance))

@@ -28,7 +28,7 @@ _SCAN_SAMPLES = 3000
 _FARTHEST_FOCUS = 8.0  # of the largest disparity: nearer focus planes look alike from the data
 _STEPS = 40
 _USUAL_FOCUS = 0.4  # deviation of the logarithm of the focused distance from the object's
-_ALIKE, _ALIKE_TOLD = 6.0, 4.0  # errors alike, by the squared standard errors of the slope
+_COMMON_ERROR, _COMMON_ERROR_T2 = 6.0, 4.0  # of all readings: variance grows by a / (b + t^2)
 _TOLD_POWER = 6  # at two standard errors a slope is even odds, at four a certainty
 _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
@@ -255,7 +255,7 @@ class VFit:
         return VCandidate(slope, 0.0) if slope > 0 else None
 
 
-def with_what_is_open(
+def add_unresolved_covariance(
     covariance: Float64, lens: VCandidate, other: VCandidate | None, chance: float,
     usual_slope: float, disparity: float,
 ) -> Float64:  # fmt: skip
@@ -274,12 +274,13 @@ def with_what_is_open(
         usual_slope: root mean square slope of lenses in use [px * scene unit].
         disparity: of the object's ground [1 / scene unit].
     """
-    told = lens.slope / max(float(np.sqrt(covariance[0, 0])), 1e-300)
-    misread = 1.0 / (1.0 + min(0.5 * told, 1e6) ** _TOLD_POWER)
+    t_value = lens.slope / max(float(np.sqrt(covariance[0, 0])), 1e-300)
+    misread = 1.0 / (1.0 + min(0.5 * t_value, 1e6) ** _TOLD_POWER)
     mean = disparity * np.exp(0.5 * _USUAL_FOCUS**2)
     square = disparity**2 * np.exp(2.0 * _USUAL_FOCUS**2)
     usual = usual_slope**2 * np.array([[1.0, -mean], [-mean, square]])
-    whole = covariance * (1.0 + _ALIKE / (_ALIKE_TOLD + told * told)) + misread * usual
+    common = 1.0 + _COMMON_ERROR / (_COMMON_ERROR_T2 + t_value * t_value)
+    whole = covariance * common + misread * usual
     if other is not None:
         step = np.array([other.slope, -other.slope * other.focus])
         step -= np.array([lens.slope, -lens.slope * lens.focus])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -10,9 +11,8 @@ import numpy.typing as npt
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
-from nlens_video.core.layers import Bool, CocMap, Float64
+from nlens_video.core.layers import Bool, CocMap, CocPrior, Float64
 from nlens_video.core.placement import Region
-from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_robust_v import VFit
 
@@ -22,6 +22,8 @@ FLOOR_PX = 0.3  # least expected error of an estimate
 LARGEST_AT_INFINITY = 0.1  # CoC at infinity by the width of the frame: 85 mm f/1.8 at 0.9 m
 _FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the footprint's distance is left out
 _CLUSTER_SAMPLES = 8  # errors of neighbours are alike: standard errors count clusters, not pixels
+_MOST_SHRUNK = 0.8  # a posterior this wide, as a share of the prior's width, holds no evidence
+_LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,3 +156,27 @@ def _area(region: Region) -> float:
 def _edges(region: Region) -> list[tuple[tuple[float, float], tuple[float, float]]]:
     corners = region.corners
     return list(zip(corners, (*corners[1:], corners[0]), strict=True))
+
+
+def remove_prior(coc_px: Float64, sigma_px: Float64, prior: CocPrior) -> tuple[Float64, Float64]:
+    """Divide the training prior out of posterior estimates.
+
+    Prior and posterior are about normal in log(1 + CoC), so precisions subtract, as do means
+    weighted by them.
+
+    Args:
+        coc_px: estimated unsigned CoC diameter (N,) [px of the frame].
+        sigma_px: its expected absolute error (N,) [px of the frame].
+        prior: distribution of CoC in training.
+
+    Returns:
+        Diameter and expected absolute error (N,) of the likelihood alone [px of the frame].
+    """
+    coc, sigma = coc_px / prior.scale, sigma_px / prior.scale
+    wide = _LAPLACE * sigma / (1 + coc)
+    share = np.minimum(wide / prior.deviation, _MOST_SHRUNK) ** 2
+    log_coc = np.log1p(coc)
+    log_coc = log_coc + (log_coc - prior.mean) * share / (1 - share)
+    debiased = np.expm1(np.maximum(log_coc, 0.0))
+    error = sigma * (1 + debiased) / (1 + coc) / np.sqrt(1 - share)
+    return debiased * prior.scale, error * prior.scale

@@ -89,7 +89,7 @@ def ran(runner, state):
 def test_fit_is_estimated_once_and_used_on_every_later_frame(preset):
     runner, shot = steps(preset)
     first, second = run(runner, 0), run(runner, 1)
-    assert first.carried_fit and not second.carried_fit
+    assert first.fitted_here and not second.fitted_here
     assert {"estimate-coc", "ground-footprint", "fit", "reblur"} <= ran(runner, first)
     assert not {"estimate-coc", "ground-footprint", "fit"} & ran(runner, second)
     assert first.values.fit is second.values.fit
@@ -109,7 +109,7 @@ def test_saved_fit_reproduces_edge_parallax():
 def test_fit_waits_for_the_first_frame_with_the_object_in_view():
     runner, _ = steps(objects=Slab(visible=lambda index: index >= 2))
     states = [run(runner, index) for index in range(4)]
-    assert [state.carried_fit for state in states] == [False, False, True, False]
+    assert [state.fitted_here for state in states] == [False, False, True, False]
     assert ran(runner, states[0]) == {"object-bounds"}
     assert runner.fit.frame == 2
 

@@ -120,7 +120,7 @@ def test_light_is_found_with_the_camera_of_the_frame_that_tells_it(tmp_path):
         found = []
         for time_s in (0.0, 1.0):
             told = SourceFrame(index=round(25 * time_s), time_s=time_s, picture=bright_right)
-            node = EstimateLight(replace(context, first_telling=lambda told=told: told))
+            node = EstimateLight(replace(context, first_lit_frame=lambda told=told: told))
             light = node(black)
             right, left = np.array([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])
             found.append(light.irradiance_around(right)[1] - light.irradiance_around(left)[1])

@@ -57,4 +57,3 @@ def test_light_on_points_is_the_same_at_every_level(suns, rows, levels):
 def test_a_surround_is_filtered_as_the_shading_looks_it_up():
     assert kernels.SURROUND_LEVELS == surround.LEVELS
     assert pytest.approx(surround.ROUGHEST) == kernels.SURROUND_ROUGHEST
-    assert pytest.approx(surround.SOFT) == kernels.SURROUND_SOFT

@@ -107,7 +107,7 @@ class Bench:
         regression = FitLens()(self.shot.plate_coc, ground, state.frame.index)
         self.shot.found_lens = FoundLens(fit=regression.fit, regression=regression)
         self.session.executor.fit = regression.fit
-        state.carried_fit = True
+        state.fitted_here = True
 
     def composite(self, state, *, sharp=False):
         hw = (BOX.height, BOX.width)
@@ -124,7 +124,7 @@ class Bench:
     def done(self, report, state, **nodes):
         for name, elapsed_ms in (nodes or {"decode": 3.0, "reblur": 40.0}).items():
             self.profiler.add(state.frame.index, name, elapsed_ms)
-        timing = self.profiler.close_frame(state.frame.index, 0, warm_up=state.carried_fit)
+        timing = self.profiler.close_frame(state.frame.index, 0, warm_up=state.fitted_here)
         report.frame(state, timing)
 
     def finish(self, report, notes=()):

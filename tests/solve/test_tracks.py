@@ -73,7 +73,7 @@ def test_points_that_are_covered_end():
 
 def test_flat_pictures_have_no_points():
     tracker = followed(np.full((3, 200, 320), 128, np.uint8))
-    assert tracker.points_begun == 0
+    assert not tracker.current
     assert not tracker.moves
 
 

@@ -20,7 +20,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.aperture_covariance import edge_parallax_layer
 from nlens_video.kernels.scatter.scatter import scatter
 from nlens_video.scene.camera import Camera
-from nlens_video.stages.composite import edge_surroundings, past_edges
+from nlens_video.stages.composite import apply_edge_parallax, edge_surroundings
 from nlens_video.stages.l_aperture_samples import bare_points
 from nlens_video.stages.p_projection import ground_visibility
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -31,7 +31,7 @@ FRAME = Box(0, 0, *SIZE)
 
 def edge_parallax(blurred, picture, defocused, fit, camera, ground_y):
     around = edge_surroundings(blurred.box, defocused, fit, camera, ground_y)
-    return past_edges(blurred, picture, around)
+    return apply_edge_parallax(blurred, picture, around)
 
 
 def stripes(columns, rows):

@@ -12,7 +12,7 @@ from nlens_video.core.layers import CocMap
 from nlens_video.graph.nodes.object_and_lens import constant_fit
 from nlens_video.stages.p_projection import GroundProjection
 from nlens_video.stages.r_regression import FitLens
-from nlens_video.stages.r_robust_v import VCandidate, VFit, with_what_is_open
+from nlens_video.stages.r_robust_v import VCandidate, VFit, add_unresolved_covariance
 
 
 def plate(plane, slope, focus, sigma=0.5):
@@ -115,7 +115,7 @@ def test_ground_that_reads_sharp_at_all_depths_leaves_the_lens_open():
 def test_readings_are_trusted_the_less_the_less_they_tell_the_slope(told, larger):
     readings = np.array([[4.0, -3.0], [-3.0, 3.0]])
     lens = VCandidate(slope=2.0 * told, focus=0.5)
-    whole = with_what_is_open(readings, lens, None, 0.0, 0.0, 1.0)
+    whole = add_unresolved_covariance(readings, lens, None, 0.0, 0.0, 1.0)
     np.testing.assert_allclose(np.sqrt(whole / readings), larger, rtol=0.01)
 
 

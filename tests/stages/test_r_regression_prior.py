@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from support.planes import ground
 
 from nlens_video.core.layers import CocMap, CocPrior
-from nlens_video.stages.f_coc import remove_prior
 from nlens_video.stages.r_regression import FitLens
+from nlens_video.stages.r_samples import remove_prior
 
 PRIOR = CocPrior(mean=2.3, deviation=1.0)
 

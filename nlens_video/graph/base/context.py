@@ -117,7 +117,7 @@ class NodeContext:
         measured: camera effects measured on the plate's first frames, by effect.
         occlusion: source of foreground occlusion, None without one.
         reflectance: of the ground at normal incidence, 0 to 1 [1].
-        first_telling: the first frame that tells the light of a shot whose first one does not;
+        first_lit_frame: the first frame that tells the light of a shot whose first one does not;
             None where the shot cannot be read ahead. Called before the first frame.
     """
 
@@ -141,7 +141,7 @@ class NodeContext:
     measured: Mapping[str, Measurement] = field(default_factory=dict)
     occlusion: OcclusionSource | None = None
     reflectance: float = 0.0
-    first_telling: Callable[[], SourceFrame | None] = lambda: None
+    first_lit_frame: Callable[[], SourceFrame | None] = lambda: None
 
     @cached_property
     def ground_height(self) -> float:

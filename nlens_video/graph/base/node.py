@@ -9,6 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from nlens_video.graph.base.values import FrameValues
+from nlens_video.kernels.coc_discontinuities import STEP_PX
 from nlens_video.stages.l_reblur import NEGLIGIBLE_COC_PX
 
 if TYPE_CHECKING:
@@ -102,7 +103,6 @@ class Condition:
 
 
 LARGEST_MOMENTS = 257  # temporal samples of a frame that an option may ask for [1]
-STEP_PX = 2.0  # CoC difference of neighbours below which overlapping parts look the same [px]
 
 
 def _in_frame(bounds: ScreenBounds, frame_box: Box) -> bool:

@@ -50,7 +50,7 @@ class PlatePreview:
     _aperture: tuple[ApertureReading | None] | None = None
     _later: tuple[SourceFrame, ...] | None = None
 
-    def first_telling(self) -> SourceFrame | None:
+    def first_lit_frame(self) -> SourceFrame | None:
         """The first frame that tells the light of a shot whose first one does not.
 
         That one is black, white, or part of a fade. None where it tells the light, where the shot
@@ -63,8 +63,8 @@ class PlatePreview:
         return self._later[0] if self._later else None
 
     def _telling(self) -> Sequence[Picture]:
-        """The first pictures, or those from `first_telling` on where these tell nothing."""
-        if self.first_telling() is not None and self._later:
+        """The first pictures, or those from `first_lit_frame` on where these tell nothing."""
+        if self.first_lit_frame() is not None and self._later:
             return [frame.picture for frame in self._later]
         return self.pictures()
 

@@ -22,7 +22,7 @@ class MeasureExposure(Node):
     effect, stateful = EXPOSURE, True
 
     def __init__(self, context: NodeContext) -> None:
-        told = context.first_telling()
+        told = context.first_lit_frame()
         self._measure = Measure(None if told is None else told.picture)
         self.description = "median ratio of small pictures, per channel"
 

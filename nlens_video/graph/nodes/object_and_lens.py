@@ -47,7 +47,10 @@ class ObjectBounds(Node):
 
 
 class EstimateCoc(Node):
-    """F: CoC map of the plate from its pixels alone (paper, section 4.1); None of one colour."""
+    """F: CoC map of the plate from its pixels alone (paper, section 4.1).
+
+    None where the picture is of one colour, which shows no blur.
+    """
 
     name, writes = "estimate-coc", "plate_coc"
     effect, once, when = DEFOCUS, True, IN_FRAME
@@ -57,7 +60,7 @@ class EstimateCoc(Node):
         known = context.known_lens.completed_by(context.tagged_lens)
         self._needs_plate = not known.is_whole and not context.fallback_constant
         self._untold = False
-        self.description = "F: CoC network, onnxruntime on the CPU"
+        self.description = "F: CoC network, onnxruntime"
 
     def __call__(
         self, picture: Picture, bounds: ScreenBounds, following: tuple[Picture, ...] | None
@@ -104,7 +107,9 @@ class FitNode(Node):
         self._with_tags = context.known_lens.completed_by(context.tagged_lens)
         self._others = context.other_samples
         self._fallback_constant = context.fallback_constant
-        self.description = "R: robust V-fit over the ground plane"
+        ground = "the ground plane" if whole_plane else "the footprint"
+        where = "the given region" if context.fit_region else ground
+        self.description = f"R: robust V-fit over {where}"
 
     @property
     def notes(self) -> tuple[str, ...]:

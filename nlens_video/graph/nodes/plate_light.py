@@ -40,7 +40,7 @@ class EstimateLight(Node):
         self._without_sun: Illumination | None = None
         self._sun: PlateSun | None = None
         self._beginning, self._settled, self._dimmed = Beginning(), False, False
-        self._told = context.first_telling()
+        self._told = context.first_lit_frame()
         self.description = "the first frame on a sphere around the object, continued beyond it"
 
     def __call__(self, picture: Picture) -> Illumination:

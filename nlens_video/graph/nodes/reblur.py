@@ -12,7 +12,7 @@ from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import DEPTH_RANGE, DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
 from nlens_video.graph.nodes import warm_up
 from nlens_video.kernels.scatter.scatter import DRAFT, FINE, blur_reach, scatter
-from nlens_video.stages.composite import EdgeSurroundings, edge_surroundings, past_edges
+from nlens_video.stages.composite import EdgeSurroundings, apply_edge_parallax, edge_surroundings
 from nlens_video.stages.l_lens_sampling import (
     COVERAGE_DRAWS,
     BlurCell,
@@ -274,7 +274,7 @@ class EdgeParallax(Node):
         given = blurred.box, defocused, fit, bounds.camera
         if self._last is None or not _same(self._last[0], given):  # it moves
             self._last = given, edge_surroundings(*given, self._context.ground_height)
-        return past_edges(blurred, picture, self._last[1])
+        return apply_edge_parallax(blurred, picture, self._last[1])
 
 
 _EdgeInputs = tuple["Box", "DefocusedLayer", "LensFit", "Camera"]

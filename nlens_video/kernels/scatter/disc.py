@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,12 +40,28 @@ _FITTED = (
 )
 SURPLUS = 4.0 - 1.93**2
 """By how much the square of a larger disc's radius exceeds the fitted one's [px^2]."""
-# One aperture's tables. Stamps: weight of pixel (dy, dx) around the middle, by nominal radius in
-# columns, (rows, columns, K). Spans: middle and half length of row dy, around the middle, as shares
-# of the fitted half axis, likewise (rows, 2, K). Entries of both per pixel of radius; where in both
-# the discs before the focus start, 0 if they are the same. Width of a pixel by its height; distance
-# of the aperture's furthest point from its middle [radius].
-Discs = tuple[Float32, Float32, tuple[int, int], tuple[int, int], float, float]
+
+
+class Discs(NamedTuple):
+    """One aperture's tables.
+
+    Attributes:
+        stamps: weight of pixel (dy, dx) around the middle, by nominal radius in columns
+            (rows, columns, K).
+        spans: middle and half length of row dy, around the middle, by nominal radius, as shares of
+            the fitted half axis (rows, 2, K).
+        steps: entries of stamps and of spans by pixel of radius [1 / px].
+        turned: where in both the discs before the focus start, 0 if they are the same.
+        pixel_aspect: width of a pixel by its height [1].
+        outer_radius: distance of the aperture's furthest point from its middle [radius].
+    """
+
+    stamps: Float32
+    spans: Float32
+    steps: tuple[int, int]
+    turned: tuple[int, int]
+    pixel_aspect: float
+    outer_radius: float
 
 
 def fitted_radii(radius_px: Float64) -> Float64:
@@ -248,7 +265,7 @@ def tables(
         stamp_turned, span_turned = stamps.shape[0], spans.shape[2]
         stamps = np.concatenate([stamps, stamps[:, ::-1, ::-1]])
         spans = np.concatenate([spans, spans[::-1] * np.array([[-1.0], [1.0]], np.float32)], axis=2)
-    return (
+    return Discs(
         np.ascontiguousarray(np.moveaxis(stamps, 0, 2)), np.ascontiguousarray(spans),
         (steps, SPAN_STEPS), (stamp_turned, span_turned), float(pixel_aspect), float(outer),
     )  # fmt: skip

@@ -75,7 +75,7 @@ def blur_reach(
 def _reach(largest_coc_px: float, pixel_aspect: float, discs: Discs, detail: Detail) -> int:
     radius = 0.5 * min(largest_coc_px, MAX_COC_PX)
     across = fitted_radius(radius * max(1.0, pixel_aspect)) if radius > 0.0 else 0.0
-    return reach(across * discs[5]) + detail.spread(radius)
+    return reach(across * discs.outer_radius) + detail.spread(radius)
 
 
 def _tables(aperture: Aperture, pixel_aspect: float, detail: Detail) -> Discs:
@@ -144,7 +144,7 @@ def scatter(
     target = bounds.expanded(margin).intersection(whole if wanted is None else Box.of(wanted))
     if target.empty:
         return out
-    outer = discs[5]
+    outer = discs.outer_radius
     radius = 0.5 * min(largest, MAX_COC_PX)
     shape = (pixel_aspect, outer * SKEW_REACH, detail.spread(radius))
     columns = reached_columns(silhouette, shape, layer.box)
@@ -180,7 +180,7 @@ def _vignette_discs(
 
     `size` columns of the frame, of which only the size matters, make one of the level's.
     """
-    aspect = discs[4]
+    aspect = discs.pixel_aspect
     per_px = -aperture.cat_eye / (0.5 * math.hypot(frame.width * aspect, frame.height))
     place = (
         level.box.x0 * size - 0.5 * frame.width,

@@ -12,7 +12,8 @@ namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
 constexpr int kLevels = 4;  // of a surround, for roughnesses up to kRoughest; see `scene/surround.py`
-constexpr float kRoughest = 0.6f, kSoft = 0.4f;
+constexpr float kRoughest = 0.6f;
+constexpr float kSoft = 0.4f;  // up to here the maps are taken alone; at the last level, none of them
 
 // What a point reflects of light from a unit direction.
 inline Vector reflected(const Block& block, int i, const Ray& ray) {
@@ -200,7 +201,6 @@ void light_points(Block& block, int count, const Lights& lights) {
 void bind_light(nanobind::module_& module) {
     module.attr("SURROUND_LEVELS") = kLevels;
     module.attr("SURROUND_ROUGHEST") = kRoughest;
-    module.attr("SURROUND_SOFT") = kSoft;
     module.def("light_points", &light_rows, Unlocked());
 }
 

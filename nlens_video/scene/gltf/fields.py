@@ -13,9 +13,7 @@ import numpy.typing as npt
 from nlens_video.core.errors import SceneError
 
 LARGEST = 1e18
-"""Of coordinates and scales: the product of two is still a float32."""
-BRIGHTEST = 1e12
-"""Of what lamps and surfaces send out: what is lit by it is still a float32."""
+"""Of coordinates, scales and brightness: the product of two is still a float32."""
 _T = TypeVar("_T", bound=int | str)
 _Float = TypeVar("_Float", np.float32, np.float64)
 
@@ -74,10 +72,10 @@ class Fields:
         return float(value)
 
     def not_negative(self, key: str, default: float) -> float:
-        """A number from 0 to `BRIGHTEST`; `default` where it is absent."""
+        """A number from 0 to `LARGEST`; `default` where it is absent."""
         value = self.number(key, default)
-        if not 0.0 <= value <= BRIGHTEST:
-            raise self.wrong(key, f"a number from 0 to {BRIGHTEST:g}")
+        if not 0.0 <= value <= LARGEST:
+            raise self.wrong(key, f"a number from 0 to {LARGEST:g}")
         return value
 
     def positive(self, key: str) -> float | None:

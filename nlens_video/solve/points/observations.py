@@ -52,11 +52,6 @@ class Observations:
     def __len__(self) -> int:
         return len(self._ends) - 1
 
-    @property
-    def on_disk(self) -> bool:
-        """Whether they have left memory."""
-        return self._ends[-1] > _IN_MEMORY
-
     def add(self, numbers: Ints, pixels: Float32) -> None:
         """Take the next frame's points (K,) and their positions (K, 2) [px]."""
         rows = np.empty(len(numbers), _ROW)

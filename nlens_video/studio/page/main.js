@@ -55,7 +55,7 @@ const light = new LightPanel(shot, about.environments, changed, fill);
 const region = new RegionPanel(shot, changed);
 connectViews(stage, () => ask("rest"));
 /** @type {string[]} kinds of pictures that are still to be asked for */
-let wanted = [];
+let pending = [];
 const live = new Live(onPicture, onTold, (connected) => {
   one("lost").hidden = connected;
   document.body.dataset["server"] = connected ? "here" : "lost";
@@ -104,20 +104,20 @@ function ask(kind) {
   }
   const [, other] = stage.compared;
   const sharp = view === "sharp" || other === "sharp";
-  wanted = [...(sharp ? ["sharp"] : []), ...{ focus: ["focus"], plate: [] }[view] ?? ["rest"]];
-  busy(wanted.length && live.connected ? "Drawing …" : "");
+  pending = [...(sharp ? ["sharp"] : []), ...{ focus: ["focus"], plate: [] }[view] ?? ["rest"]];
+  busy(pending.length && live.connected ? "Drawing …" : "");
   askNext();
 }
 
 function askNext() {
-  const next = wanted.shift();
+  const next = pending.shift();
   if (next) live.ask(shot.tables, film.frame, next);
 }
 
 /** @param {import("./live.js").About} said @param {Blob | null} data */
 async function onPicture(said, data) {
   const quick = QUICK.includes(said.kind);
-  if (!quick && !wanted.length) busy("");
+  if (!quick && !pending.length) busy("");
   if (said.error !== undefined || !data) {
     trouble(said.error ?? "there is no picture");
     stage.pictures = { plate: stage.pictures["plate"] ?? null };

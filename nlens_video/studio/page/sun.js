@@ -155,7 +155,7 @@ function along([x, y, z], way, far) {
 }
 
 /** Where a point's shadow falls on the ground. @param {Triple} point @param {Sun} sun @returns {Triple} */
-export function shadowOf(point, sun) {
+function shadowOf(point, sun) {
   const way = toward(sun);
   return along(point, way, -Math.max(point[1], 0) / way[1]);
 }
@@ -181,7 +181,7 @@ function fromPicture({ seen }, [u, v]) {
 }
 
 /** The corners of the convex hull, in order. @param {Point[]} points @returns {Point[]} */
-export function hull(points) {
+function hull(points) {
   const sorted = [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1]);
   /** @param {Point[]} ordered */
   const half = (ordered) => {

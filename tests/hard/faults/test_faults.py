@@ -300,7 +300,10 @@ def test_resumable_run_removes_its_chunks_while_no_other_run_can_begin(shot, tmp
 
 
 def test_options_of_single_runs_are_refused_with_resume(shot, tmp_path, capsys):
-    for more in (["--report", str(tmp_path / "r")], ["--range", "2:4"]):
+    for more, told in (
+        (["--report", str(tmp_path / "r")], "is written by runs that render all frames at once"),
+        (["--range", "2:4"], "chunks are made of all frames"),
+    ):
         assert main(arguments(shot, tmp_path / "out.mp4", "--resume", *more)) == 2
-        assert f"{more[0]}: chunks are made of all frames" in capsys.readouterr().err
+        assert f"{more[0]}: {told}" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
