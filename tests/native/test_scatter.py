@@ -66,8 +66,10 @@ def test_nothing_beyond_a_table_is_read(monkeypatch):
     plain, made = scatter.scatter(rgba, coc, detail=scatter.DRAFT), scatter._tables
 
     def guarded(*arguments):
-        stamps, spans, *rest = made(*arguments)
-        return followed_by_nan(stamps), followed_by_nan(spans), *rest
+        discs = made(*arguments)
+        return discs._replace(
+            stamps=followed_by_nan(discs.stamps), spans=followed_by_nan(discs.spans)
+        )
 
     monkeypatch.setattr(scatter, "_tables", guarded)
     np.testing.assert_array_equal(scatter.scatter(rgba, coc, detail=scatter.DRAFT), plain)
