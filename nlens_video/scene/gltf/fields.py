@@ -72,7 +72,11 @@ class Fields:
         return float(value)
 
     def not_negative(self, key: str, default: float) -> float:
-        """A number from 0 to `LARGEST`; `default` where it is absent."""
+        """A number from 0 to `LARGEST`; `default` where it is absent.
+
+        Raises:
+            SceneError: another number, or none.
+        """
         value = self.number(key, default)
         if not 0.0 <= value <= LARGEST:
             raise self.wrong(key, f"a number from 0 to {LARGEST:g}")
@@ -103,7 +107,11 @@ class Fields:
         return tuple(map(float, value))
 
     def color(self, key: str, default: tuple[float, ...]) -> tuple[float, ...]:
-        """Three finite numbers, none below 0; `default` where they are absent."""
+        """Three finite numbers, none below 0; `default` where they are absent.
+
+        Raises:
+            SceneError: others, or none.
+        """
         value = self.vector(key, 3, default)
         if min(value) < 0.0:
             raise self.wrong(key, "3 numbers that are not below 0")
