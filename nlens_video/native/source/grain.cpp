@@ -11,12 +11,46 @@
 namespace nlens {
 namespace {
 
-// A row of one channel, and what its noise is made of.
+// A run of one channel, and what its noise is made of.
 struct Channel {
-    std::vector<float> own, noise, missing, change;  // `own`: the light of the composite
+    std::vector<float> own, left, noise, change;  // light, the share of it that is left, its noise
+    std::vector<float> light, first, second;      // room for the steps between
 
-    explicit Channel(std::size_t width) : own(width), noise(width), missing(width), change(width) {}
+    explicit Channel(std::size_t width)
+        : own(width), left(width), noise(width), change(width), light(width), first(width), second(width) {}
 };
+
+// The runs of red, green and blue, and what they share.
+struct Pixels {
+    Channel red, green, blue;
+    std::vector<float> missing, share;  // share of the noise that is missing, share of the change to add
+
+    explicit Pixels(std::size_t width)
+        : red(width), green(width), blue(width), missing(width), share(width) {}
+
+    void take_noise(const float* __restrict noise, int count) {
+        float* __restrict r = red.noise.data(), * __restrict g = green.noise.data();
+        float* __restrict b = blue.noise.data();
+        for (int x = 0; x < count; ++x) r[x] = noise[3 * x], g[x] = noise[3 * x + 1], b[x] = noise[3 * x + 2];
+    }
+
+    // Adds the share of the changes to the colours of a layer's pixels.
+    void add_changes(float* __restrict row, int count) const {
+        const float* __restrict r = red.change.data(), * __restrict g = green.change.data();
+        const float* __restrict b = blue.change.data(), * __restrict part = share.data();
+        for (int x = 0; x < count; ++x) {
+            row[4 * x] += part[x] * r[x];
+            row[4 * x + 1] += part[x] * g[x];
+            row[4 * x + 2] += part[x] * b[x];
+            row[4 * x + 3] += 0.0f;  // all four are read and written together
+        }
+    }
+};
+
+// Light in [0, 1]; 0 for what is no number.
+inline float within_white(float light) {
+    return light > 0.0f ? (light < 1.0f ? light : 1.0f) : 0.0f;
+}
 
 // Between two entries of a table over [0, 1], of which the last begins at `last`. Both are read together,
 // which takes half as many reads.
@@ -32,22 +66,31 @@ inline float look_up(const float* table, int last, float at) {
     return here + part * (next - here);
 }
 
-// Finds the change of the light by the noise. `levels`: the deviation at 256 levels.
-void find_change(Channel& channel, int count, const float* __restrict levels, Array<const float, 1> codes,
-                 Array<const float, 1> to_light) {
+// Replaces the values of a row by what a table gives. A loop of nothing else is compiled for several
+// values at once.
+void look_up_row(const float* __restrict table, int last, float* __restrict row, int count) {
+    for (int x = 0; x < count; ++x) row[x] = look_up(table, last, row[x]);
+}
+
+// Finds the change of the light by the noise, of which some is missing. `levels`: the deviation at 256
+// levels.
+void find_change(Channel& channel, int count, const float* __restrict missing, const float* levels,
+                 Array<const float, 1> codes, Array<const float, 1> to_light) {
     const float* __restrict own = channel.own.data(), * __restrict noise = channel.noise.data();
-    const float* __restrict missing = channel.missing.data();
-    const float* __restrict code_of = codes.data, * __restrict light_of = to_light.data;
-    float* __restrict change = channel.change.data();
-    const int last_code = codes.shape[0] - 2, last_light = to_light.shape[0] - 2;
+    float* __restrict light = channel.light.data(), * __restrict change = channel.change.data();
+    float* __restrict code = channel.first.data(), * __restrict spread = channel.second.data();
     for (int x = 0; x < count; ++x) {
-        const float light = own[x] > 0.0f ? (own[x] < 1.0f ? own[x] : 1.0f) : 0.0f;
-        const float code = look_up(code_of, last_code, std::sqrt(light));
-        const float spread = look_up(levels, 254, code);
-        const float grained = std::min(std::max(0.0f, code + missing[x] * spread * noise[x]), 1.0f);
-        const float made = look_up(light_of, last_light, grained) - light;
-        change[x] = own[x] < 1.0f ? made : 0.0f;  // light beyond white stays, and what is no number
+        light[x] = within_white(own[x]);
+        code[x] = std::sqrt(light[x]);
     }
+    look_up_row(codes.data, codes.shape[0] - 2, code, count);
+    std::copy_n(code, count, spread);
+    look_up_row(levels, 254, spread, count);
+    for (int x = 0; x < count; ++x)
+        change[x] = std::min(std::max(0.0f, code[x] + missing[x] * spread[x] * noise[x]), 1.0f);
+    look_up_row(to_light.data, to_light.shape[0] - 2, change, count);
+    // light beyond white stays, and what is no number
+    for (int x = 0; x < count; ++x) change[x] = own[x] < 1.0f ? change[x] - light[x] : 0.0f;
 }
 
 constexpr int kGap = 16;  // undrawn pixels that are not worth a new run
@@ -68,69 +111,75 @@ void for_drawn_runs(const float* row, int width, float least, Work&& work) {
 
 void regrain(Array<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
              Array<const float, 2> deviation, Array<const float, 1> codes, Array<const float, 1> lights) {
-    Channel channel(rgba.shape[1]);
-    float *own = channel.own.data(), *missing = channel.missing.data(), *added = channel.noise.data();
+    Pixels pixels(rgba.shape[1]);
+    float* __restrict r = pixels.red.own.data(), * __restrict g = pixels.green.own.data();
+    float* __restrict b = pixels.blue.own.data();
+    float* __restrict missing = pixels.missing.data(), * __restrict share = pixels.share.data();
     const auto add = [&](int y, int first, int count) {
         float* row = rgba.at(y, first);
-        const float *behind = plate.at(y, first), *given = noise.at(y, first);
+        const float* behind = plate.at(y, first);
         for (int x = 0; x < count; ++x) {
             const float free = 1.0f - std::min(row[4 * x + 3], 1.0f);
             missing[x] = std::sqrt(1.0f - free * free);
+            share[x] = row[4 * x + 3] > 0.0f ? 1.0f : 0.0f;
+            r[x] = row[4 * x] + free * behind[3 * x];
+            g[x] = row[4 * x + 1] + free * behind[3 * x + 1];
+            b[x] = row[4 * x + 2] + free * behind[3 * x + 2];
         }
-        for (int c = 0; c < 3; ++c) {
-            for (int x = 0; x < count; ++x) {
-                const float free = 1.0f - std::min(row[4 * x + 3], 1.0f);
-                own[x] = row[4 * x + c] + free * behind[3 * x + c];
-                added[x] = given[3 * x + c];
-            }
-            find_change(channel, count, deviation.at(c), codes, lights);
-            const float* change = channel.change.data();
-            for (int x = 0; x < count; ++x) row[4 * x + c] += row[4 * x + 3] > 0.0f ? change[x] : 0.0f;
-        }
+        pixels.take_noise(noise.at(y, first), count);
+        find_change(pixels.red, count, missing, deviation.at(0), codes, lights);
+        find_change(pixels.green, count, missing, deviation.at(1), codes, lights);
+        find_change(pixels.blue, count, missing, deviation.at(2), codes, lights);
+        pixels.add_changes(row, count);
     };
     for (int y = 0; y < rgba.shape[0]; ++y)
         for_drawn_runs(rgba.at(y), rgba.shape[1], 0.0f, [&](int first, int count) { add(y, first, count); });
 }
 
-// Finds the noise of a row that a darkened plate misses, as a share of its light. `channel`: the light
-// in `own`, the share of it that is left in `missing`. `levels`: deviation at even steps of its root.
-void find_missing(Channel& channel, int count, const float* __restrict levels, int last) {
-    const float* __restrict own = channel.own.data(), * __restrict left = channel.missing.data();
-    const float* __restrict noise = channel.noise.data();
-    float* __restrict change = channel.change.data();
+// Finds the noise of a run that a darkened plate misses, as a share of its light. `levels`: deviation at
+// even steps of the root of the light, of which the last begins at `last`.
+void find_missing(Channel& channel, int count, const float* levels, int last) {
+    const float* __restrict own = channel.own.data(), * __restrict noise = channel.noise.data();
+    const float* __restrict left = channel.left.data();
+    float* __restrict light = channel.light.data(), * __restrict change = channel.change.data();
+    float* __restrict held = channel.first.data(), * __restrict wanted = channel.second.data();
     for (int x = 0; x < count; ++x) {
-        const float light = own[x] > 0.0f ? (own[x] < 1.0f ? own[x] : 1.0f) : 0.0f;
-        const float dark = left[x] > 0.0f ? std::min(left[x] * light, 1.0f) : 0.0f;
-        const float held = left[x] * look_up(levels, last, std::sqrt(light));
-        const float wanted = look_up(levels, last, std::sqrt(dark));
-        const float lacks = std::sqrt(std::max(wanted * wanted - held * held, 0.0f));
+        light[x] = within_white(own[x]);
+        held[x] = std::sqrt(light[x]);
+        wanted[x] = std::sqrt(left[x] > 0.0f ? std::min(left[x] * light[x], 1.0f) : 0.0f);
+    }
+    look_up_row(levels, last, held, count);
+    look_up_row(levels, last, wanted, count);
+    for (int x = 0; x < count; ++x) {
+        const float own_part = left[x] * held[x];
+        const float lacks = std::sqrt(std::max(wanted[x] * wanted[x] - own_part * own_part, 0.0f));
         // noise is no larger than the light
-        change[x] = std::min(lacks / std::max(light, 1e-6f), 1.0f) * noise[x];
+        change[x] = std::min(lacks / std::max(light[x], 1e-6f), 1.0f) * noise[x];
     }
 }
 
 // `rgba`: pixels of a row lie beside each other, rows anywhere.
 void restore_grain(Strided<float, 3> rgba, Array<const float, 3> plate, Array<const float, 3> noise,
                    Array<const float, 2> deviation, float least_loss, float full_loss) {
-    Channel channel(rgba.shape[1]);
-    float *own = channel.own.data(), *left = channel.missing.data(), *given = channel.noise.data();
+    Pixels pixels(rgba.shape[1]);
+    Channel* const channels[3] = {&pixels.red, &pixels.green, &pixels.blue};
+    float* __restrict share = pixels.share.data();
     const float slope = 1.0f / (full_loss - least_loss);
     const auto add = [&](int y, int first, int count) {
         float* row = rgba.at(y, first);
-        const float *behind = plate.at(y, first), *drawn = noise.at(y, first);
+        const float* behind = plate.at(y, first);
+        for (int x = 0; x < count; ++x)
+            share[x] = std::max(std::min((row[4 * x + 3] - least_loss) * slope, 1.0f), 0.0f);
+        pixels.take_noise(noise.at(y, first), count);
         for (int c = 0; c < 3; ++c) {
+            float* __restrict own = channels[c]->own.data(), * __restrict left = channels[c]->left.data();
             for (int x = 0; x < count; ++x) {
                 own[x] = behind[3 * x + c];
                 left[x] = 1.0f - row[4 * x + 3] + row[4 * x + c];
-                given[x] = drawn[3 * x + c];
             }
-            find_missing(channel, count, deviation.at(c), deviation.shape[1] - 2);
-            const float* change = channel.change.data();
-            for (int x = 0; x < count; ++x) {
-                const float share = std::min((row[4 * x + 3] - least_loss) * slope, 1.0f);
-                row[4 * x + c] += share > 0.0f ? share * change[x] : 0.0f;
-            }
+            find_missing(*channels[c], count, deviation.at(c), deviation.shape[1] - 2);
         }
+        pixels.add_changes(row, count);
     };
     for (int y = 0; y < rgba.shape[0]; ++y)
         for_drawn_runs(rgba.at(y), rgba.shape[1], least_loss,

@@ -119,8 +119,8 @@ inline float biquadratic(const float (&c)[9], float x, float y) {
     return still + x * (once + x * (c[6] + y * (c[7] + y * c[8])));
 }
 
-// The integral of the lobe that `reflected` has, with Schlick's edge: a fit of quotients of two polynomials,
-// within 5 % of what a surface of F0 0.02 to 1 reflects.
+// The integral of the lobe that `reflected` has, with Schlick's edge: a fit of quotients of two polynomials
+// by `models/reflectance/fit.py`, within 5 % of what a surface of F0 0.02 to 1 reflects.
 inline RoughMirror rough_mirror(float nv, float roughness) {
     constexpr float kScale[] = {0.03316f,  8.70555f, -6.2036f, 2.42758f,  -16.24609f,
                                 19.20866f, 9.5918f,  2.49477f, -12.18657f};
