@@ -188,6 +188,60 @@ def test_shadow_of_glass_lacks_what_it_holds_back(tmp_path):
     assert read.opacity == pytest.approx(1.0 - through)
 
 
+@pytest.mark.parametrize(
+    "role, picture, through",
+    [
+        ("base", (188, 188, 188), 0.5),  # sRGB codes, not light
+        ("base", (255, 0, 0), 1 / 3),
+        ("base", (0, 255, 0), 1 / 3),
+        ("metallic_roughness", (0, 255, 0), 1.0),  # packed: no metal by its blue
+        ("metallic_roughness", (255, 255, 255), 0.0),
+        ("thickness", (0, 0, 0), 1.0),
+        ("thickness", (0, 255, 0), 0.5),
+        ("transmission", (51, 0, 0), 0.2),
+    ],
+)
+def test_shadow_of_textured_glass_is_the_mean_of_what_comes_through(
+    tmp_path, role, picture, through
+):
+    builder = GlbBuilder()
+    texture = {"index": builder.texture(np.full((4, 4, 3), picture, np.uint8))}
+    factors = {"metallicFactor": 1.0 if role == "metallic_roughness" else 0.0}
+    clear, volume = {"transmissionFactor": 1}, {}
+    if role == "base":
+        factors["baseColorTexture"] = texture
+    elif role == "metallic_roughness":
+        factors["metallicRoughnessTexture"] = texture
+    elif role == "transmission":
+        clear["transmissionTexture"] = texture
+    else:
+        volume = {
+            "thicknessFactor": 1, "attenuationDistance": 1, "attenuationColor": [0.5] * 3,
+            "thicknessTexture": texture,
+        }  # fmt: skip
+    extensions = {
+        "KHR_materials_transmission": clear, "KHR_materials_volume": volume,
+        "KHR_materials_ior": {"ior": 1.0},
+    }  # fmt: skip
+    material = {"pbrMetallicRoughness": factors, "extensions": extensions}
+    builder.node(mesh=builder.mesh(material=builder.add("materials", material)))
+    read = load(builder, tmp_path).pose(0.0).meshes[0].geometry.material
+    assert read.opacity == pytest.approx(1.0 - through, abs=0.005)
+
+
+def test_shadow_of_glass_takes_the_colours_of_its_vertices(tmp_path):
+    builder = GlbBuilder()
+    extensions = {"KHR_materials_transmission": {"transmissionFactor": 1}}
+    material = {
+        "pbrMetallicRoughness": {"metallicFactor": 0},
+        "extensions": {**extensions, "KHR_materials_ior": {"ior": 1.0}},
+    }
+    builder.node(mesh=builder.mesh(material=builder.add("materials", material)))
+    read = load(builder, tmp_path).pose(0.0).meshes[0].geometry.material
+    colors = [[0.2, 0.2, 0.2, 1.0], [0.6, 0.3, 0.0, 0.5], [1.0, 1.0, 1.0, 1.0]]
+    assert read.opacities(colors) == pytest.approx([0.8, 0.7, 0.0])
+
+
 def test_what_the_file_asks_for_and_is_not_drawn_is_said_in_a_line_each(tmp_path):
     builder = minimal()
     variants = {"variants": [{"name": "Midnight"}, {"name": "Beach"}]}

@@ -8,7 +8,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
-from nlens_video.render.base.opacity import Opacities, Opacity, texturing
+from nlens_video.render.base.opacity import Opacities, Opacity
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Geometry, Int32
 from nlens_video.scene.illumination import Illumination
@@ -100,7 +100,8 @@ class Casters:
             if opacity is None:
                 opaque.append(mesh)
             else:
-                vertices = np.concatenate([mesh.positions, texturing(mesh.geometry)], axis=1)
+                surface = cache.opacities.texturing(mesh.geometry)
+                vertices = np.concatenate([mesh.positions, surface], axis=1)
                 transparent.append(TransparentCaster(vertices, mesh.faces, opacity))
         if not opaque:
             return cls(np.zeros((0, 3)), _NO_EDGES[:, :3], _NO_EDGES, tuple(transparent))

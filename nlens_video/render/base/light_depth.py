@@ -21,7 +21,7 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import parallel_for, processors
 from nlens_video.native import kernels
 from nlens_video.render.base.mapped_lamps import mapped_lamps
-from nlens_video.render.base.opacity import Opacities, texturing
+from nlens_video.render.base.opacity import Opacities
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.materials import ALPHA_ROUNDING
 from nlens_video.scene.illumination import Lamp
@@ -178,7 +178,7 @@ def _casters(posed: PosedScene, opacities: Opacities) -> list[tuple[PosedMesh, C
         if opacity is None:
             found.append((mesh, SOLID))
         elif not mesh.geometry.material.layers.transmission:
-            surface = np.ascontiguousarray(texturing(mesh.geometry), dtype=np.float32)
+            surface = opacities.texturing(mesh.geometry)
             cutoff = opacity.cutoff if opacity.cutoff >= 0.0 else _HALF
             found.append((mesh, (surface, opacity.alpha, opacity.wrap, cutoff)))
     return found

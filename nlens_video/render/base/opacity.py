@@ -53,12 +53,19 @@ class Opacities:
     """Opacity of surfaces, which does not change over time: each is read once."""
 
     _found: dict[Geometry, Opacity | None] = field(default_factory=dict)
+    _texturing: dict[Geometry, Float32] = field(default_factory=dict)
 
     def of(self, geometry: Geometry) -> Opacity | None:
         """As `Opacity.of`."""
         if geometry not in self._found:
             self._found[geometry] = Opacity.of(geometry)
         return self._found[geometry]
+
+    def texturing(self, geometry: Geometry) -> Float32:
+        """As the function of that name."""
+        if geometry not in self._texturing:
+            self._texturing[geometry] = texturing(geometry)
+        return self._texturing[geometry]
 
 
 def texturing(geometry: Geometry) -> Float32:
@@ -74,5 +81,6 @@ def texturing(geometry: Geometry) -> Float32:
 
 def _factor(geometry: Geometry, material: Material) -> Float32:
     """Factor on the texture's alpha at each vertex (V,) [1]."""
-    factor = np.full(len(geometry.positions), material.opacity, np.float32)
-    return factor if geometry.colors is None else factor * geometry.colors[:, 3]
+    if geometry.colors is None:
+        return np.full(len(geometry.positions), material.opacity, np.float32)
+    return material.opacities(geometry.colors).astype(np.float32)

@@ -6,6 +6,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
+from nlens_video.core.color import transfer
+from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
 from nlens_video.scene.gltf.textures import TextureReader, TextureUse
@@ -13,6 +18,8 @@ from nlens_video.scene.gltf.textures import TextureReader, TextureUse
 ALPHA_ROUNDING = 1e-4
 """By which cutoffs are lower than their files have them: alpha is filtered and interpolated."""
 _BLACK, _OPAQUE = 1e-6, 80.0  # a colour that lets nothing through, and the depth of one
+_VALUES = np.arange(256) / 255.0
+_LIGHT = transfer("iec61966-2-1").to_linear(_VALUES)  # of colours
 AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
 _ALPHA_MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
@@ -134,20 +141,38 @@ class Material:
     @property
     def opacity(self) -> float:
         """Share of light that its shadow lacks, without the alpha of its texture."""
-        alpha = 1.0 if self.alpha_mode == "OPAQUE" else self.base_color[3]
-        return alpha if self.alpha_mode == "MASK" else alpha * (1.0 - self._clearness)
+        return float(self.opacities(np.ones((1, 4)))[0])
+
+    def opacities(self, colors: npt.ArrayLike) -> Float64:
+        """The same (N,) where vertices have colours and alpha (N, 4)."""
+        tints = np.asarray(colors, np.float64)
+        alpha = np.ones(len(tints))
+        if self.alpha_mode != "OPAQUE":
+            alpha = self.base_color[3] * tints[:, 3]
+        if self.alpha_mode == "MASK":
+            return alpha
+        passed = np.minimum((tints[:, :3] * self._clearness).mean(axis=1), 1.0)
+        return np.asarray(alpha * (1.0 - passed))
 
     @property
-    def _clearness(self) -> float:
-        """Share of light that goes straight through, averaged over its textures and colours."""
+    def _clearness(self) -> Float64:
+        """Share of red, green and blue light that goes straight through, averaged over textures."""
         layers = self.layers
-        share = layers.transmission * (1.0 - self.metallic) * (1.0 - self.specular * self.f0[1])
-        for use, channel in ((self.transmission_texture, 0), (self.base_color_texture, 1)):
-            if use is not None:
-                share *= float(use.image.pixels[..., channel].mean()) / 255.0
-        pairs = zip(self.base_color, layers.absorption, strict=False)
-        colors = (color * math.exp(-depth) for color, depth in pairs)
-        return share * min(sum(colors) / 3.0, 1.0)
+        metallic = self.metallic * _mean(self.metallic_roughness_texture, 2)
+        share = layers.transmission * (1.0 - metallic) * (1.0 - self.specular * self.f0[1])
+        share *= _mean(self.transmission_texture, 0)
+        thickness, weights = np.ones(1), np.ones(1)
+        if self.thickness_texture is not None:
+            thickness, weights = _VALUES, self.thickness_texture.image.frequencies(1)
+        passed = np.exp(-np.outer(thickness, layers.absorption))
+        of_texture = [_mean(self.base_color_texture, channel, _LIGHT) for channel in range(3)]
+        color = np.array(self.base_color[:3]) * of_texture
+        return np.asarray(share * color * (weights @ passed))
+
+
+def _mean(use: TextureUse | None, channel: int, values: Float64 = _VALUES) -> float:
+    """Mean of a channel of a texture by what its 256 values stand for; 1 where there is none."""
+    return 1.0 if use is None else float(use.image.frequencies(channel) @ values)
 
 
 def read_materials(document: Document) -> tuple[Material, ...]:

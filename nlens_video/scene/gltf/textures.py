@@ -17,6 +17,7 @@ import PIL.features
 import PIL.Image
 
 from nlens_video.core.errors import SceneError
+from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.decode_worker import decode
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
@@ -35,6 +36,7 @@ NEAREST, LINEAR = 9728, 9729
 _MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 _WRAPS = (33071, 33648, 10497)
 _TRILINEAR, _REPEAT = 9987, 10497
+_LOOKED_AT = 1024  # texels along a side of a texture whose values are counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -57,6 +59,12 @@ class Image:
     min_filter: int = _TRILINEAR
     wrap: tuple[int, int] = (_REPEAT, _REPEAT)
     cutoff: float | None = None
+
+    def frequencies(self, channel: int) -> Float64:
+        """How frequent each of the 256 values of a channel is among its texels (256,); 1 in all."""
+        step = max(1, max(self.pixels.shape[:2]) // _LOOKED_AT)
+        values = self.pixels[::step, ::step, channel]
+        return np.bincount(values.ravel(), minlength=256) / values.size
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
