@@ -105,7 +105,7 @@ OBJECT_OPTIONS: dict[str, tuple[Option, ...]] = {
                "environment map, or plate (default): from the plate",
                dest="env", feeds="light.env", parameter=True, often=True, files=files.READ),
         Option("--env-rotation", SHOT, "D", _SMALL,
-               "rotation of the map about the vertical, in degrees",
+               "rotation of the map about the vertical, counter-clockwise from above, in degrees",
                feeds="light.env_rotation_deg", parameter=True),
         Option("--env-exposure", SHOT, "EV", _SMALL,
                "exposure of the map in stops (default: matched to the plate)",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -13,14 +13,14 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
-from nlens_video.scene.surround import Surround
+from nlens_video.scene.surround import Surround, reduced
 
 _HEADER = 4096  # bytes of a .hdr file in which its size stands
 _SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
 _WIDTH = 512  # columns that the reduction looks at: 0.7 degrees
 _PEAK = 4.0  # times the mean radiance: what is brighter belongs to a light
 _FAINT = 0.02  # share of all light below which the peaks are no lights
-_SMALL = math.radians(4.0)  # a part this wide is one light
+_SMALL = math.radians(4.0)  # a part this wide is one light; a wider one is seen in mirrors
 _MAX_LIGHTS = 6
 # Weights of the terms of `polynomial`: a cosine's convolution, 1, 2/3 and 1/4 (Ramamoorthi and
 # Hanrahan 2001), times the squared factor of each real spherical harmonic.
@@ -59,34 +59,42 @@ def reduce_environment(
     """Split a map into lights and ambient light; together they are all of it.
 
     The middle column looks along +X, row 0 straight up. What exceeds a multiple of the mean goes to
-    lights by a median cut (Debevec 2005), the rest to spherical harmonics of order 2, and to what
-    smooth surfaces mirror.
+    lights by a median cut (Debevec 2005), the rest to spherical harmonics of order 2. Smooth
+    surfaces mirror the rest and the wide lights, as softboxes and windows are; of the sun, they
+    show the light's own highlight.
 
     Args:
         radiance: scene-linear (h, w, 3), w = 2 h.
         rotation_deg: as of `load_environment` [deg].
         exposure_ev: as of `load_environment` [EV].
-        mirrored: what smooth surfaces mirror, where that differs; of the same shape.
+        mirrored: what smooth surfaces mirror beside the lights, where that differs; of the same
+            shape.
     """
-    size = (min(_WIDTH, radiance.shape[1]), min(_WIDTH // 2, radiance.shape[0]))
-    small = cv2.resize(radiance, size, interpolation=cv2.INTER_AREA).reshape(size[1], size[0], 3)
+    small = reduced(radiance, _WIDTH)
     light = small.astype(np.float64) * 2.0**exposure_ev
-    sphere = _Sphere.of(size[1], size[0], math.radians(rotation_deg))
+    rows, columns = small.shape[:2]
+    sphere = _Sphere.of(rows, columns, math.radians(rotation_deg))
     bright = light @ LUMINANCE
     mean = float((bright * sphere.solid_angle).sum()) / (4.0 * math.pi)
     limit = _PEAK * mean
     above = bright > max(limit, 0.0)
     kept = np.divide(limit, bright, out=np.ones_like(bright), where=above)[..., None]
     peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
-    lamps: tuple[Lamp, ...]
-    if float((peaks @ LUMINANCE).sum()) <= _FAINT * 4.0 * math.pi * mean:
-        lamps, kept = (), np.ones_like(kept)
+    parts = []
+    if float((peaks @ LUMINANCE).sum()) > _FAINT * 4.0 * math.pi * mean:
+        parts = _median_cut(peaks, sphere)
     else:
-        lamps = _median_cut(peaks, sphere)
+        kept = np.ones_like(kept)
     rest = light * kept
-    shown = rest if mirrored is None else mirrored * kept * 2.0**exposure_ev
+    shown = rest.copy() if mirrored is None else mirrored * kept * 2.0**exposure_ev
+    lamps = []
+    for part in parts:
+        wide = mirrored is None and part.diameter >= _SMALL
+        if wide:
+            shown[part.pixels] = light[part.pixels]
+        lamps.append(part.lamp(peaks, in_surround=wide))
     surround = Surround(shown.astype(np.float32), math.radians(rotation_deg))
-    return Illumination(lamps, sphere.harmonics(rest), surround=surround)
+    return Illumination(tuple(lamps), sphere.harmonics(rest), surround=surround)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,8 +122,8 @@ class _Sphere:
         )
 
 
-def _median_cut(peaks: Float64, sphere: _Sphere) -> tuple[Lamp, ...]:
-    """Lights of the energy (h, w, 3) of the peaks; the widest part is halved first."""
+def _median_cut(peaks: Float64, sphere: _Sphere) -> list[_Part]:
+    """Parts of the energy (h, w, 3) of the peaks; the widest part is halved first."""
     bright = peaks @ LUMINANCE
     parts = [_Part.of(bright, sphere, (0, 0, *bright.shape))]
     while len(parts) < _MAX_LIGHTS:
@@ -125,12 +133,7 @@ def _median_cut(peaks: Float64, sphere: _Sphere) -> tuple[Lamp, ...]:
             break
         parts.remove(widest)
         parts += halves
-    lamps = []
-    for part in parts:
-        y0, x0, y1, x1 = part.area
-        color = peaks[y0:y1, x0:x1].sum((0, 1))
-        lamps.append(Lamp(sun(color, -part.direction), part.diameter))
-    return tuple(lamps)
+    return parts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,6 +159,18 @@ class _Part:
         spread = 2.0 * math.sqrt(max(0.0, 1.0 - length / energy))
         return cls(area, energy, middle / length, 2.0 * spread)
 
+    @property
+    def pixels(self) -> tuple[slice, slice]:
+        """Its rows and columns."""
+        y0, x0, y1, x1 = self.area
+        return slice(y0, y1), slice(x0, x1)
+
+    def lamp(self, peaks: Float64, *, in_surround: bool) -> Lamp:
+        """The light of that energy (h, w, 3)."""
+        color = peaks[self.pixels].sum((0, 1))
+        posed = replace(sun(color, -self.direction), in_surround=in_surround)
+        return Lamp(posed, self.diameter)
+
     def halved(self, bright: Float64, sphere: _Sphere) -> list[_Part]:
         """Two parts of nearly equal energy, cut across the longer side; fewer if there is none."""
         y0, x0, y1, x1 = self.area
@@ -180,10 +195,18 @@ def _read(path: Path) -> Float32:
     if path.suffix.lower() == ".exr":
         from nlens_video.video.exr import read_exr
 
-        channels = read_exr(path).channels
-        if not {"R", "G", "B"} <= set(channels):
-            raise InputError(f"{path}: has no channels R, G, B (has {', '.join(sorted(channels))})")
-        return np.stack([channels[name] for name in "RGB"], axis=-1)
+        image = read_exr(path)
+        names = "YYY" if set(image.channels) <= {"Y", "A"} else "RGB"
+        if not set(names) <= set(image.channels):
+            found = ", ".join(sorted(image.channels))
+            raise InputError(f"{path}: has no channels R, G, B (has {found})")
+        light = np.stack([image.channels[name] for name in names], axis=-1)
+        return image.on_display_window(image.in_bt709(light))
+    return _read_hdr(path)
+
+
+def _read_hdr(path: Path) -> Float32:
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # it prints lines
     try:
         data = np.fromfile(path, np.uint8)
         size = _SIZE.search(data[:_HEADER].tobytes())
@@ -192,6 +215,11 @@ def _read(path: Path) -> Float32:
         image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     except (cv2.error, OSError):
         image = None
+    finally:
+        cv2.utils.logging.setLogLevel(before)
     if image is None or image.dtype != np.float32 or image.ndim != 3:
-        raise InputError(f"{path}: cannot be read as an environment map; expected .hdr or .exr")
+        raise InputError(
+            f"{path}: cannot be read as an environment map; "
+            "expected .exr, or .hdr with RGBE pixels and rows from the top (-Y +X)"
+        )
     return np.ascontiguousarray(image[..., 2::-1])

@@ -63,11 +63,13 @@ class PosedLight:
         light: its properties.
         position: in the world (3,) [scene unit].
         direction: unit vector (3,) along which it shines.
+        in_surround: whether smooth surfaces mirror it by `Illumination.surround`.
     """
 
     light: Light
     position: Float64
     direction: Float64
+    in_surround: bool = False
 
 
 def read_lights(document: Document) -> tuple[tuple[int, Light], ...]:
@@ -244,10 +246,9 @@ def on_ball(lamp: Lamp, middle: Float64, radius: float) -> float:
         return strength
     away = middle - posed.position
     distance = float(np.linalg.norm(away))
-    outside = distance > radius
-    if light.range is not None and outside:
+    if light.range is not None and distance > radius:
         strength *= max(0.0, 1.0 - ((distance - radius) / light.range) ** 4)
-    if light.kind == "spot" and outside:
+    if light.kind == "spot" and distance > radius:
         aside = math.acos(min(max(float(away @ posed.direction) / distance, -1.0), 1.0))
         nearest = max(aside - math.asin(radius / distance), 0.0)
         strength *= float(_in_cone(light, np.cos(nearest)))

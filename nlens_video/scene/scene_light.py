@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Float64, Picture
 from nlens_video.core.settings import SUN_STRENGTH, SunSettings
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.environment import reduce_environment
 from nlens_video.scene.illumination import (
-    LUMINANCE,
     MAX_LAMPS,
     Illumination,
     Lamp,
@@ -264,10 +265,22 @@ def _with_sun(
     """The light with its level shared between a sun and what it was."""
     level = light.on_plane(seat.foot)
     strength = SUN_STRENGTH if given.strength is None else given.strength
-    share = strength / (1.0 + strength)
+    kept = np.full(3, 1.0 / (1.0 + strength))
     if given.strength is None and left is not None:
-        share = 1.0 - float(left @ LUMINANCE)
+        kept = left  # of each channel: what the sun does not reach has the sky's hue
     toward = toward_sun(given, camera)
-    lamp = sun(share * level / toward[1], -toward)
-    rest = light.scaled(1.0 - share)
+    lamp = sun((1.0 - kept) * level / toward[1], -toward)
+    rest = _tinted(light, kept)
     return replace(rest, lamps=(Lamp(lamp, diameter), *rest.lamps))
+
+
+def _tinted(light: Illumination, shares: Float64) -> Illumination:
+    """A light of whose red, green and blue shares (3,) are left."""
+    lamps = []
+    for lamp in light.lamps:
+        one = lamp.posed.light
+        color = tuple(float(value) for value in shares * one.color)
+        lamps.append(replace(lamp, posed=replace(lamp.posed, light=replace(one, color=color))))
+    ambient = None if light.ambient is None else shares * light.ambient
+    surround = None if light.surround is None else light.surround.scaled(shares)
+    return replace(light, lamps=tuple(lamps), ambient=ambient, surround=surround)

@@ -37,24 +37,27 @@ class Surround:
         radiance: equirectangular, scene-linear (h, w, 3), w = 2 h; the middle column looks along
             +X, row 0 straight up.
         turn: about the up axis, as of `load_environment` [rad].
-        gain: factor on the radiance [1].
+        gain: factor on the radiance, of all channels or of each (3,) [1].
         unscaled: the one that this is a multiple of, whose filtered maps it uses; None for none.
     """
 
     radiance: Float32
     turn: float = 0.0
-    gain: float = 1.0
+    gain: float | Float64 = 1.0
     unscaled: Surround | None = None
 
-    def scaled(self, gain: float) -> Surround:
-        """So many times as bright; the maps are filtered once for both."""
+    def scaled(self, gain: float | Float64) -> Surround:
+        """So many times as bright, in all channels or in each (3,).
+
+        The maps are filtered once for both.
+        """
         return replace(self, gain=gain * self.gain, unscaled=self.unscaled or self)
 
     @cached_property
     def levels(self) -> Float32:
         """The filtered maps (LEVELS, SIDE + 2, SIDE + 2, 4), the last channel 0."""
         out = (self.unscaled or self)._filtered_maps.copy()
-        out *= self.gain  # in place: stays float32 by a gain of NumPy, as kernels take it
+        out[..., :3] *= self.gain  # in place: stays float32 by a gain of NumPy, as kernels take it
         return out
 
     @cached_property
@@ -62,19 +65,12 @@ class Surround:
         """The maps of `levels` by a gain of 1."""
         out = np.zeros((LEVELS, SIDE + 2, SIDE + 2, 4), np.float32)
         directions = _texels(SIDE)
-        out[0, ..., :3] = self._seen(self._reduced(_MIRROR_COLUMNS), directions)
+        out[0, ..., :3] = self._seen(reduced(self.radiance, _MIRROR_COLUMNS), directions)
         for level, (side, columns) in enumerate(_FILTERED, start=1):
             small = self._filtered(side, columns, ROUGHEST * level / (LEVELS - 1))
             x, y = (_unfolded(directions, side) - 0.5).transpose(2, 0, 1).astype(np.float32)
             out[level, ..., :3] = cv2.remap(small, x, y, cv2.INTER_LINEAR)
         return out
-
-    def _reduced(self, columns: int) -> Float32:
-        """The map with at most so many columns."""
-        columns = min(columns, self.radiance.shape[1])
-        size = columns, max(columns // 2, 1)
-        small = cv2.resize(self.radiance, size, interpolation=cv2.INTER_AREA)
-        return np.asarray(small.reshape(size[1], size[0], 3), dtype=np.float32)
 
     def _seen(self, radiance: Float32, directions: Float64) -> Float32:
         """What a map shows in directions (..., 3)."""
@@ -92,7 +88,7 @@ class Surround:
 
     def _filtered(self, side: int, columns: int, roughness: float) -> Float32:
         """What surfaces of a roughness mirror, seen head on (side + 2, side + 2, 3)."""
-        small = self._reduced(columns)
+        small = reduced(self.radiance, columns)
         rows, columns = small.shape[:2]
         up = math.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
         round_ = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None] - self.turn
@@ -159,3 +155,22 @@ def mirrored_light(levels: Float32, direction: Float64, roughness: float) -> Flo
     upper = (1.0 - across) * level[top, left] + across * level[top, left + 1]
     lower = (1.0 - across) * level[top + 1, left] + across * level[top + 1, left + 1]
     return np.asarray(((1.0 - down) * upper + down * lower)[:3])
+
+
+def reduced(radiance: Float32, columns: int) -> Float32:
+    """An equirectangular map with at most so many columns, and all its light.
+
+    Rows are averaged by the part of the sphere that each of them covers.
+
+    Args:
+        radiance: (h, w, 3), w = 2 h.
+        columns: even [px].
+    """
+    height, width = radiance.shape[:2]
+    columns = min(columns, width)
+    rows = max(columns // 2, 1)
+    edges = np.sin(math.pi * (0.5 - np.arange(height + 1) / height))
+    covered = (edges[:-1] - edges[1:]).astype(np.float32)[:, None]
+    whole = cv2.resize(radiance * covered[..., None], (columns, rows), interpolation=cv2.INTER_AREA)
+    shares = cv2.resize(covered, (1, rows), interpolation=cv2.INTER_AREA).reshape(rows, 1, 1)
+    return np.asarray(whole.reshape(rows, columns, 3) / shares, dtype=np.float32)

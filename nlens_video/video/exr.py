@@ -51,6 +51,13 @@ class ExrImage:
     half: frozenset[str] = frozenset()
     primaries: str | None = "bt709"
 
+    def in_bt709(self, light: Float32) -> Float32:
+        """Light (h, w, 3) of its primaries in those of BT.709, for which unknown ones are taken."""
+        if self.primaries in (None, "bt709"):
+            return light
+        from_own = np.linalg.inv(primaries_from_bt709(self.primaries)).astype(np.float32)
+        return np.asarray(light @ from_own.T, dtype=np.float32)
+
     def on_display_window(self, values: Float32, beyond: float = 0.0) -> Float32:
         """Values (h, w) or (h, w, n) of the data window, padded and cropped to the display window.
 
@@ -141,8 +148,7 @@ def _read_layer(path: Path, size: tuple[int, int] | None) -> tuple[ObjectLayer, 
     rgba = np.stack([image.channels[name] for name in "RGBA"], axis=2)
     if not np.isfinite(rgba).all():
         raise InputError(f"{path}: R G B A hold values that are not finite; render them again")
-    if image.primaries not in (None, "bt709"):
-        rgba[..., :3] @= np.linalg.inv(primaries_from_bt709(image.primaries)).T.astype(np.float32)
+    rgba[..., :3] = image.in_bt709(rgba[..., :3])
     notes = _doubts(path, image)
     # a renderer's sharpening filter leaves the range: more than all of the plate would be hidden
     np.clip(rgba[..., 3], 0.0, 1.0, out=rgba[..., 3])

@@ -96,6 +96,26 @@ def test_frosted_glass_shows_the_light_behind_it_blurred(renderer_class, tmp_pat
     np.testing.assert_allclose(found[:3], 0.4 * behind, rtol=0.02, atol=2e-3)
 
 
+@pytest.mark.parametrize("made", ["plastic", "coat"])
+def test_softbox_is_mirrored_evenly_and_as_bright_as_it_is(renderer_class, tmp_path, made):
+    sky = np.full((256, 512, 3), 0.02, np.float32)
+    sky[96:160, 96:160] = 8.0  # 45 degrees wide, at the horizon, in the middle towards +Z
+    sky = np.roll(sky, 256, axis=1)
+    light = reduce_environment(sky)
+    assert len(light.lamps) > 1
+    builder = GlbBuilder()
+    coat = {"KHR_materials_clearcoat": {"clearcoatFactor": 1.0, "clearcoatRoughnessFactor": 0.05}}
+    extensions = {**coat, "KHR_materials_specular": {"specularFactor": 0}}
+    pbr = {"roughnessFactor": 0.1 if made == "plastic" else 1.0}
+    black = material(builder, (0, 0, 0, 1), extensions if made == "coat" else {}, pbr=pbr)
+    quad(builder, number=black, node={})
+    scene = Scene.load(builder.write(tmp_path / "scene.glb"))
+    with renderer_class(scene, SceneLight(0, light)) as renderer:
+        layer = renderer.render(0.0, camera_at(1000.0))
+    inner = layer.rgba[layer.rgba[..., 3] > 0.999][:, :3]
+    np.testing.assert_allclose(inner, 0.04 * 8.0, rtol=0.12)
+
+
 @pytest.mark.parametrize("smooth", [True, False])
 def test_map_is_filtered_only_where_something_is_smooth(renderer_class, tmp_path, light, smooth):
     builder = GlbBuilder()

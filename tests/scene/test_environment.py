@@ -4,11 +4,15 @@ import math
 
 import cv2
 import numpy as np
+import OpenEXR
 import pytest
 
+from nlens_video.core.color import chromaticities, primaries_from_bt709
 from nlens_video.core.errors import InputError
 from nlens_video.effects.planner import SHADOW, ShotFacts, decide
 from nlens_video.scene.environment import load_environment, reduce_environment
+
+TURNED = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X 16 -Y 8\n" + bytes(4 * 128)
 
 
 def even(level=0.5, width=128):
@@ -80,6 +84,73 @@ def test_lights_and_ambient_light_add_up_to_the_environment():
         assert total == pytest.approx(irradiance_of(sky, normal), rel=0.06)
 
 
+@pytest.mark.parametrize("radius_deg", [0.26, 1.0, 3.0])
+@pytest.mark.parametrize("columns", [1024, 2048])
+def test_light_straight_above_is_counted_once(columns, radius_deg):
+    height = columns // 2
+    edges = np.cos(math.pi * np.arange(height + 1) / height)
+    inside = math.pi * (np.arange(height) + 0.5) / height < math.radians(max(radius_deg, 0.2))
+    covered = 2.0 * math.pi * float((edges[:-1] - edges[1:])[inside].sum())
+    sky = even(0.01, columns)
+    sky[inside] += 4.0 / covered
+    given = sum(lamp.posed.light.intensity for lamp in reduce_environment(sky).lamps)
+    assert given == pytest.approx(4.0, rel=0.02)
+
+
+def test_smooth_surfaces_mirror_wide_lights_and_not_the_sun():
+    sky = even(0.02, 512)
+    sky[100:140, 300:356] = 8.0  # a softbox of 28 by 39 degrees
+    sky[40, 40] = 30000.0
+    light = reduce_environment(sky)
+    wide = [lamp for lamp in light.lamps if lamp.posed.in_surround]
+    assert wide and len(wide) == len(light.lamps) - 1
+    np.testing.assert_allclose(light.surround.radiance[101:139, 301:355], 8.0, rtol=1e-5)
+    assert light.surround.radiance[40, 40].max() < 8.0
+
+
+def test_light_of_a_plate_keeps_its_highlights():
+    sky = even(0.02, 512)
+    sky[100:140, 300:356] = 8.0
+    light = reduce_environment(sky, mirrored=sky)
+    assert light.lamps and not any(lamp.posed.in_surround for lamp in light.lamps)
+
+
+def written_exr(path, channels, **header):
+    with OpenEXR.File({"type": OpenEXR.scanlineimage, **header}, channels) as made:
+        made.write(str(path))
+    return path
+
+
+def rgb_channels(light):
+    return {name: np.ascontiguousarray(light[..., i]) for i, name in enumerate("RGB")}
+
+
+@pytest.mark.parametrize("primaries", ["bt709", "bt2020", "ap1", "ap0"])
+def test_primaries_of_a_map_are_read_from_its_file(tmp_path, primaries):
+    light = np.broadcast_to(np.float32([0.5, 0.25, 0.1]), (32, 64, 3))
+    own = (light @ primaries_from_bt709(primaries).T).astype(np.float32)
+    given = tuple(float(value) for value in chromaticities(primaries))
+    path = written_exr(tmp_path / "a.exr", rgb_channels(own), chromaticities=given)
+    found = load_environment(path, 0.0, 0.0)
+    assert found.ambient[0] == pytest.approx([0.5, 0.25, 0.1], rel=1e-3)
+
+
+def test_map_of_one_channel_is_grey(tmp_path):
+    path = written_exr(tmp_path / "a.exr", {"Y": np.full((32, 64), 0.5, np.float32)})
+    assert load_environment(path, 0.0, 0.0).ambient[0] == pytest.approx(np.full(3, 0.5), rel=1e-3)
+
+
+def test_cropped_map_is_black_beyond_its_data_window(tmp_path):
+    upper = np.full((16, 64, 3), 0.5, np.float32)
+    window = (np.array([0, 0], np.int32), np.array([63, 31], np.int32))
+    path = written_exr(tmp_path / "a.exr", rgb_channels(upper), displayWindow=window)
+    light = load_environment(path, 0.0, 0.0)
+    assert light.irradiance_around(np.array([0.0, 1.0, 0.0])) / math.pi == pytest.approx(
+        np.full(3, 0.5), rel=0.05
+    )
+    assert light.irradiance_around(np.array([0.0, -1.0, 0.0])).max() < 0.1
+
+
 def test_black_environment_gives_no_light():
     light = reduce_environment(even(0.0))
     assert light.lamps == () and not light.ambient.any()
@@ -101,13 +172,15 @@ def test_hdr_file_is_read_as_it_was_written(tmp_path):
         ("text.hdr", lambda path: path.write_text("no map"), "cannot be read"),
         ("empty.hdr", lambda path: path.write_bytes(b""), "cannot be read"),
         ("text.exr", lambda path: path.write_text("no map"), "cannot be read"),
+        ("turned.hdr", lambda path: path.write_bytes(TURNED), "rows from the top"),
         ("wide.hdr", lambda path: cv2.imwrite(str(path), even()[:10]), "twice as wide"),
     ],
 )
-def test_invalid_environment_map_is_refused_in_one_line(tmp_path, name, write, words):
+def test_invalid_environment_map_is_refused_in_one_line(tmp_path, capfd, name, write, words):
     write(tmp_path / name)
     with pytest.raises(InputError, match=words) as caught:
         load_environment(tmp_path / name, 0.0, 0.0)
+    assert capfd.readouterr().err == ""
     assert "\n" not in str(caught.value)
 
 

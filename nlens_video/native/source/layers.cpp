@@ -151,6 +151,12 @@ struct Layers {
     Vector base{}, sheen{}, coat{};
 };
 
+// Share of what a layer mirrors of a lamp that its highlight has.
+float of_highlight(const Ray& ray, float roughness, float widening) {
+    if (!(ray.in_levels > 0.0f)) return 1.0f;
+    return 1.0f - ray.in_levels * share_of_levels(widened_roughness(roughness, widening));
+}
+
 // Microfacets of the base.
 float base_lobe(const Surface& surface, Cosines cosines, Vector half, Vector light) {
     const float a2 = widened(surface.roughness, surface.widening), strength = surface.anisotropy;
@@ -166,7 +172,8 @@ void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
     const Vector half = unit(ray.toward + surface.view);
     const Cosines n = cosines_of(surface.normal, half, ray.toward, surface.view);
     if (n.light > 0.0f) {
-        const float lobe = base_lobe(surface, n, half, ray.toward);
+        const float lobe =
+            base_lobe(surface, n, half, ray.toward) * of_highlight(ray, surface.roughness, surface.widening);
         const float grazing = fifth(1.0f - within_one(dot(surface.view, half)));
         const float scattered = surface.let_in(grazing) * (1.0f - surface.through);
         const auto reflected = [&](float base, float f0) {
@@ -187,7 +194,8 @@ void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
     const Cosines coat = cosines_of(surface.coat_normal, half, ray.toward, surface.view);
     if (!(coat.light > 0.0f)) return;
     const float a2 = widened(surface.coat_roughness, surface.widening);
-    layers.coat = layers.coat + ray.light * (coat.light * glossy(coat, a2));
+    const float share = of_highlight(ray, surface.coat_roughness, surface.widening);
+    layers.coat = layers.coat + ray.light * (coat.light * glossy(coat, a2) * share);
 }
 
 // Adds what a point reflects of the light from around, likewise.

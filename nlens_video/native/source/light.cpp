@@ -11,12 +11,11 @@ namespace nlens {
 namespace {
 
 constexpr float kPi = std::numbers::pi_v<float>;
-constexpr int kLevels = 4;  // of a surround, for roughnesses up to kRoughest; see `scene/surround.py`
-constexpr float kRoughest = 0.6f;
-constexpr float kSoft = 0.4f;  // up to here the maps are taken alone; at the last level, none of them
+constexpr int kLevels = 4;  // of a surround, for roughnesses up to kRoughest
 
-// What a point reflects of light from a unit direction.
-inline Vector reflected(const Block& block, int i, const Ray& ray) {
+// What a point reflects of light from a unit direction. `in_levels`: share of what it mirrors that levels
+// give.
+inline Vector reflected(const Block& block, int i, const Ray& ray, float in_levels) {
     const Vector n = get(block.normal, i), v = get(block.view, i), l = ray.toward;
     const float nl = larger(dot(n, l), 0.0f);
     const float nv = larger(std::fabs(dot(n, v)), 1e-4f);
@@ -36,7 +35,8 @@ inline Vector reflected(const Block& block, int i, const Ray& ray) {
     const Vector f{to_edge(f0.x), to_edge(f0.y), to_edge(f0.z)};
     const float plastic = 1.0f - metallic;
     const float diffuse = plastic * (1.0f - larger(f.x, larger(f.y, f.z))) * (1.0f / kPi);
-    const float shine = lobe * plastic, gleam = lobe * metallic;
+    const float left = lobe * (1.0f - ray.in_levels * in_levels);
+    const float shine = left * plastic, gleam = left * metallic;
     const auto channel = [&](float b, float fresnel) {
         return diffuse * b + shine * fresnel + gleam * (b + (1.0f - b) * grazing);
     };
@@ -44,18 +44,18 @@ inline Vector reflected(const Block& block, int i, const Ray& ray) {
             nl * ray.light.z * channel(base.z, f.z)};
 }
 
-void light_by_sun(Block& block, const float* lamp, const float* visible) {
+void light_by_sun(Block& block, const float* lamp, const float* visible, const float* in_levels) {
     const Ray ray = from_sun(lamp);
     for (int i = 0; i < kPoints; ++i)
-        set(block.light, i, get(block.light, i) + reflected(block, i, ray) * visible[i]);
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray, in_levels[i]) * visible[i]);
 }
 
-void light_by_lamp(Block& block, const float* row, const float* visible) {
+void light_by_lamp(Block& block, const float* row, const float* visible, const float* in_levels) {
     float lamp[16];
     std::copy_n(row, 16, lamp);
     for (int i = 0; i < kPoints; ++i) {
         const Ray ray = from_lamp(lamp, get(block.view, i), block.distance[i]);
-        set(block.light, i, get(block.light, i) + reflected(block, i, ray) * visible[i]);
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray, in_levels[i]) * visible[i]);
     }
 }
 
@@ -109,10 +109,6 @@ inline Float4 look_up(Array<const float, 4> levels, const Place& place) {
     return left + (right - left) * place.across;
 }
 
-inline float share_of(float roughness) {
-    return smaller(larger((kRoughest - roughness) * (1.0f / (kRoughest - kSoft)), 0.0f), 1.0f);
-}
-
 inline Vector reflection(Vector n, Vector v) {
     const float nv = dot(n, v);
     return n * (nv + nv) - v;
@@ -130,7 +126,7 @@ void find_mirrored(const Block& block, int count, Array<const float, 4> levels, 
         across[i] = place.across;
         down[i] = place.down;
         rougher[i] = place.rougher;
-        mirrored.share[i] = share_of(roughness);
+        mirrored.share[i] = share_of_levels(roughness);
     }
     for (int i = 0; i < count; ++i) {
         if (!(mirrored.share[i] > 0.0f)) continue;
@@ -176,26 +172,25 @@ Vector mirrored_around(const Lights& lights, Vector toward, Vector normal, float
     const Vector soft = mix(around_on(ambient, toward), around_on(ambient, normal), roughness);
     if (!lights.has_surround() || !(roughness < kRoughest)) return soft;
     const Float4 found = look_up(lights.levels, place_of(toward, roughness, lights.levels.shape[1]));
-    return mix(soft, {found[0], found[1], found[2]}, share_of(roughness));
+    return mix(soft, {found[0], found[1], found[2]}, share_of_levels(roughness));
 }
 
 void light_points(Block& block, int count, const Lights& lights) {
     Block::Numbers all, visible;
     std::fill_n(all, kPoints, 1.0f);
+    Mirrored mirrored{};
+    if (lights.has_surround()) find_mirrored(block, count, lights.levels, mirrored);
     for (int n = 0; n < lights.lamps.shape[0]; ++n) {
         const float* lamp = lights.lamps.at(n);
         const int map = map_of(lamp);
         std::copy_n(map < 0 ? all : block.visible[map], kPoints, visible);
         if (n < lights.suns) {
-            light_by_sun(block, lamp, visible);
+            light_by_sun(block, lamp, visible, mirrored.share);
         } else {
-            light_by_lamp(block, lamp, visible);
+            light_by_lamp(block, lamp, visible, mirrored.share);
         }
     }
-    if (!lights.has_ambient()) return;
-    Mirrored mirrored{};
-    if (lights.has_surround()) find_mirrored(block, count, lights.levels, mirrored);
-    light_from_around(block, lights.ambient.data, mirrored);
+    if (lights.has_ambient()) light_from_around(block, lights.ambient.data, mirrored);
 }
 
 void bind_light(nanobind::module_& module) {

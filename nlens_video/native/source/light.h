@@ -35,6 +35,7 @@ inline float smaller(float a, float b) {
 }
 
 constexpr float kLeastAlpha = 0.002f;
+constexpr float kRoughest = 0.6f;  // roughness of the last level of a surround, see `scene/surround.py`
 
 // The square of alpha of a roughness, widened, see `Block::widening`.
 inline float widened(float roughness, float widening) {
@@ -48,9 +49,11 @@ inline float widened_roughness(float roughness, float widening) {
     return widening > 0.0f ? wider : roughness;
 }
 
-// Light that reaches a point: the unit direction it comes from, and how much.
+// Light that reaches a point: the unit direction it comes from, and how much. `in_levels`: 1 where the
+// levels show its lamp too, which smooth surfaces then mirror there alone.
 struct Ray {
     Vector toward, light;
+    float in_levels;
 };
 
 // From a lamp with a place; `lamp` is its row of numbers, `view` and `distance` those of the point.
@@ -64,11 +67,13 @@ inline Ray from_lamp(const float* lamp, Vector view, float distance) {
     const float spot = smaller(larger(facing, 0.0f), 1.0f);
     const float part = window * spot * spot / squared;
     // number by number: vectors copied whole would keep loops from being vectorised
-    return {{way.x * near, way.y * near, way.z * near}, {part * lamp[0], part * lamp[1], part * lamp[2]}};
+    return {{way.x * near, way.y * near, way.z * near},
+            {part * lamp[0], part * lamp[1], part * lamp[2]},
+            lamp[3]};
 }
 
 inline Ray from_sun(const float* lamp) {
-    return {{lamp[8], lamp[9], lamp[10]}, {lamp[0], lamp[1], lamp[2]}};
+    return {{lamp[8], lamp[9], lamp[10]}, {lamp[0], lamp[1], lamp[2]}, lamp[3]};
 }
 
 // From any of the lamps, as if nothing were before it.
@@ -82,7 +87,7 @@ inline Ray lamp_at(const Block& block, int i, const Lights& lights, int number) 
 inline Ray visible_lamp_at(const Block& block, int i, const Lights& lights, int number) {
     const Ray ray = lamp_at(block, i, lights, number);
     const int map = map_of(lights.lamps.at(number));
-    return map < 0 ? ray : Ray{ray.toward, ray.light * block.visible[map][i]};
+    return map < 0 ? ray : Ray{ray.toward, ray.light * block.visible[map][i], ray.in_levels};
 }
 
 // `Illumination.ambient` on a unit normal; `ambient` are its rows (9, 4).
@@ -135,6 +140,12 @@ inline RoughMirror rough_mirror(float nv, float roughness) {
     const float bias =
         larger(biquadratic(kBias, cosine, alpha) / biquadratic(kBiasDivisor, cosine, alpha), 0.0f);
     return {scale, bias, 1.0f / (scale + bias) - 1.0f};
+}
+
+// The share of what a surface mirrors of the light around that the levels give.
+inline float share_of_levels(float roughness) {
+    constexpr float kSoft = 0.4f;  // up to here the levels are taken alone; at the last one, none of them
+    return smaller(larger((kRoughest - roughness) * (1.0f / (kRoughest - kSoft)), 0.0f), 1.0f);
 }
 
 // Light from around that a surface mirrors from a direction, by harmonics where it is rough.

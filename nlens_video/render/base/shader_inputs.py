@@ -79,7 +79,11 @@ class Lighting:
         """Numbers of the lights (L, 16), relative to the eye (3,)."""
         maps = self.depth.lights if self.depth is not None else ()
         numbers = {light: number for number, light in enumerate(maps, start=1)}
-        rows = [_lamp(one, eye, numbers.get(light, 0)) for light, one in enumerate(self.lights)]
+        shown = self.surround is not None
+        rows = [
+            _lamp(one, eye, numbers.get(light, 0), in_surround=shown and one.in_surround)
+            for light, one in enumerate(self.lights)
+        ]
         return np.array(rows, dtype=np.float32).reshape(len(rows), 16)
 
     def ambient_rows(self) -> Float32:
@@ -118,7 +122,9 @@ def _parted(
     return tuple(found), replace(depth, lights=tuple(places[number] for number in depth.lights))
 
 
-def _lamp(posed: PosedLight, eye: Float64, depth_map: int) -> list[tuple[float, ...]]:
+def _lamp(
+    posed: PosedLight, eye: Float64, depth_map: int, *, in_surround: bool
+) -> list[tuple[float, ...]]:
     """Rows of a light; `depth_map` counts from 1, 0 for none."""
     light = posed.light
     strength = tuple(light.intensity * channel for channel in light.color)
@@ -128,7 +134,7 @@ def _lamp(posed: PosedLight, eye: Float64, depth_map: int) -> list[tuple[float, 
         scale = 1.0 / max(1e-3, math.cos(light.inner_cone) - math.cos(light.outer_cone))
         offset = -scale * math.cos(light.outer_cone)
     return [
-        (*strength, 0.0),
+        (*strength, float(in_surround)),
         (*(posed.position - eye), reach),
         (*-posed.direction, 0.0),
         (scale, offset, float(depth_map), 0.0),

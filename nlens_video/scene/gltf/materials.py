@@ -158,6 +158,8 @@ class Material:
     def _clearness(self) -> Float64:
         """Share of red, green and blue light that goes straight through, averaged over textures."""
         layers = self.layers
+        if layers.transmission == 0.0:
+            return np.zeros(3)
         metallic = self.metallic * _mean(self.metallic_roughness_texture, 2)
         share = layers.transmission * (1.0 - metallic) * (1.0 - self.specular * self.f0[1])
         share *= _mean(self.transmission_texture, 0)

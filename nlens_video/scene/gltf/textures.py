@@ -36,7 +36,7 @@ NEAREST, LINEAR = 9728, 9729
 _MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 _WRAPS = (33071, 33648, 10497)
 _TRILINEAR, _REPEAT = 9987, 10497
-_LOOKED_AT = 1024  # texels along a side of a texture whose values are counted
+_LOOKED_AT = 512  # texels along a side of a texture whose values are counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

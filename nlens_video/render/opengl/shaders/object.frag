@@ -219,7 +219,7 @@ float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, flo
 
 #ifdef USE_CLEARCOAT
 vec3 coat_normal;
-float coat_a2;
+float coat_a2, coat_in_map;
 vec3 coat = vec3(0.0);  // light that it reflects, but for its Fresnel term
 #endif
 
@@ -265,15 +265,26 @@ float fibre_share(float nv)
 }
 #endif
 
-// What a lamp's light gives to layers above the base.
-void light_layers(vec3 light, vec3 n, vec3 v, vec3 l)
+// The share of what a surface mirrors of the light around that the surround's map gives.
+float share_of_map(float roughness)
+{
+#ifdef USE_SURROUND
+    return clamp((0.6 - roughness) / 0.2, 0.0, 1.0);
+#else
+    return 0.0;
+#endif
+}
+
+// What a lamp's light gives to layers above the base; `in_map` is 1 where the surround's map shows the
+// lamp, which smooth layers then mirror there alone.
+void light_layers(vec3 light, vec3 n, vec3 v, vec3 l, float in_map)
 {
 #ifdef USE_CLEARCOAT
     float nl = dot(coat_normal, l);
     if (nl > 0.0) {
         float nv = max(abs(dot(coat_normal, v)), 1e-4);
         float nh = max(dot(coat_normal, normalize(l + v)), 0.0);
-        coat += light * nl * glossy(nh, nl, nv, coat_a2);
+        coat += light * nl * glossy(nh, nl, nv, coat_a2) * (1.0 - in_map * coat_in_map);
     }
 #endif
 #ifdef USE_SHEEN
@@ -281,7 +292,8 @@ void light_layers(vec3 light, vec3 n, vec3 v, vec3 l)
 #endif
 }
 
-vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float a2)
+// `highlight`: share of what it mirrors of the light.
+vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float a2, float highlight)
 {
     float nl = dot(n, l);
     if (nl <= 0.0) return vec3(0.0);
@@ -294,6 +306,7 @@ vec3 reflected(vec3 n, vec3 v, vec3 l, vec3 base, float metallic, float a2)
 #else
     float lobe = glossy(nh, nl, nv, a2);
 #endif
+    lobe *= highlight;
     vec3 fresnel = mix(f0, vec3(f90), grazing);
     float kept = 1.0 - max(fresnel.r, max(fresnel.g, fresnel.b));
 #ifdef USE_TRANSMISSION
@@ -329,8 +342,7 @@ vec3 mirrored_light(vec3 d, float roughness, vec3 soft)
         at = 0.5 * (size.x - 2.0) * (at + 1.0) + 1.0 + vec2(0.0, finer * size.x);
         vec3 one = textureLod(surround_map, at / size, 0.0).rgb;
         vec3 other = textureLod(surround_map, (at + vec2(0.0, size.x)) / size, 0.0).rgb;
-        float share = min((0.6 - roughness) / 0.2, 1.0);
-        return mix(soft, mix(one, other, place - finer), share);
+        return mix(soft, mix(one, other, place - finer), share_of_map(roughness));
     }
 #endif
     return soft;
@@ -476,6 +488,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     vec3 v = -normalize(relative);
     float widening = normal_widening();
     float a2 = widened(roughness, widening);
+    float base_in_map = share_of_map(widened_roughness(roughness, widening));
     vec3 sum = vec3(0.0);
 #ifdef USE_ANISOTROPY
     find_stretch(roughness, widening);
@@ -494,6 +507,7 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #endif
     coat_normal = gl_FrontFacing ? coat_normal : -coat_normal;
     coat_a2 = widened(coat_roughness, widening);
+    coat_in_map = share_of_map(widened_roughness(coat_roughness, widening));
     float coat_nv = clamp(abs(dot(coat_normal, v)), 0.0, 1.0);
     coat_share *= 0.04 + 0.96 * pow(1.0 - coat_nv, 5.0);
 #endif
@@ -519,8 +533,9 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #ifdef DEPTH_MAPS
         light *= visible(int(lamps[4 * i + 3].z) - 1, facet, n, l);
 #endif
-        sum += light * reflected(n, v, l, base, metallic, a2);
-        light_layers(light, n, v, l);
+        float in_map = lamps[4 * i].w;
+        sum += light * reflected(n, v, l, base, metallic, a2, 1.0 - in_map * base_in_map);
+        light_layers(light, n, v, l, in_map);
     }
     for (int i = DIRECTIONAL_COUNT; i < LAMP_COUNT; ++i) {
         vec3 offset = lamps[4 * i + 1].xyz - relative;
@@ -535,8 +550,9 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
 #ifdef DEPTH_MAPS
         light *= visible(int(cone.z) - 1, facet, n, l);
 #endif
-        sum += light * reflected(n, v, l, base, metallic, a2);
-        light_layers(light, n, v, l);
+        float in_map = lamps[4 * i].w;
+        sum += light * reflected(n, v, l, base, metallic, a2, 1.0 - in_map * base_in_map);
+        light_layers(light, n, v, l, in_map);
     }
 #ifdef USE_AMBIENT
     float occlusion = 1.0;
