@@ -13,7 +13,7 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
-from nlens_video.scene.surround import Surround, reduced
+from nlens_video.scene.surround import Surround, heights_of_rows, reduced
 
 _HEADER = 4096  # bytes of a .hdr file in which its size stands
 _SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
@@ -106,12 +106,11 @@ class _Sphere:
 
     @classmethod
     def of(cls, height: int, width: int, turn: float) -> _Sphere:
-        edges = np.sin(math.pi * (0.5 - np.arange(height + 1) / height))
         up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
         round_ = 2.0 * math.pi * ((np.arange(width) + 0.5) / width - 0.5)[None] - turn
         x, z = np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_)
         directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
-        area = (edges[:-1] - edges[1:]) * (2.0 * math.pi / width)
+        area = heights_of_rows(height) * (2.0 * math.pi / width)
         return cls(directions, np.repeat(area[:, None], width, axis=1))
 
     def harmonics(self, light: Float64) -> Float64:

@@ -17,6 +17,7 @@ import numpy as np
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp
+from nlens_video.scene.surround import heights_of_rows
 
 COLUMNS = 128
 """Of the map, which has half as many rows: 2.8 degrees each."""
@@ -126,8 +127,7 @@ def sphere(columns: int) -> tuple[Float64, Float64]:
     turn = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None]
     x, z = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn)
     directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
-    edges = np.sin(math.pi * (0.5 - np.arange(rows + 1) / rows))
-    area = (edges[:-1] - edges[1:]) * (2.0 * math.pi / columns)
+    area = heights_of_rows(rows) * (2.0 * math.pi / columns)
     return directions, np.repeat(area[:, None], columns, axis=1)
 
 

@@ -157,6 +157,12 @@ def mirrored_light(levels: Float32, direction: Float64, roughness: float) -> Flo
     return np.asarray(((1.0 - down) * upper + down * lower)[:3])
 
 
+def heights_of_rows(rows: int) -> Float64:
+    """Height of the zone of the unit sphere that each row of a map covers (rows,)."""
+    edges = np.sin(math.pi * (0.5 - np.arange(rows + 1) / rows))
+    return np.asarray(edges[:-1] - edges[1:])
+
+
 def reduced(radiance: Float32, columns: int) -> Float32:
     """An equirectangular map with at most so many columns, and all its light.
 
@@ -169,8 +175,7 @@ def reduced(radiance: Float32, columns: int) -> Float32:
     height, width = radiance.shape[:2]
     columns = min(columns, width)
     rows = max(columns // 2, 1)
-    edges = np.sin(math.pi * (0.5 - np.arange(height + 1) / height))
-    covered = (edges[:-1] - edges[1:]).astype(np.float32)[:, None]
+    covered = heights_of_rows(height).astype(np.float32)[:, None]
     whole = cv2.resize(radiance * covered[..., None], (columns, rows), interpolation=cv2.INTER_AREA)
     shares = cv2.resize(covered, (1, rows), interpolation=cv2.INTER_AREA).reshape(rows, 1, 1)
     return np.asarray(whole.reshape(rows, columns, 3) / shares, dtype=np.float32)

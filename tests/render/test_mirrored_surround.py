@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.glb_builder import GlbBuilder
+from support.glb_builder import QUAD_UV, GlbBuilder
 from support.quads import camera_at, material, quad, unlit
 
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
@@ -94,6 +94,38 @@ def test_frosted_glass_shows_the_light_behind_it_blurred(renderer_class, tmp_pat
     assert found[3] == pytest.approx(0.4, abs=2e-3)
     behind = mirrored_light(light.surround.levels, np.array([0.0, 0.0, -1.0]), 0.4)
     np.testing.assert_allclose(found[:3], 0.4 * behind, rtol=0.02, atol=2e-3)
+
+
+@pytest.mark.parametrize("strength", [0.5, 1.0])
+@pytest.mark.parametrize("tilt", ["along", "across"])
+def test_brushed_metal_mirrors_the_light_around_along_its_stretch(
+    renderer_class, tmp_path, tilt, strength
+):
+    directions, solid = sphere(256)
+    middle = {"along": (math.sin(0.7), 0.0), "across": (0.0, math.sin(0.7))}[tilt]
+    patch = directions @ np.array([*middle, math.cos(0.7)]) > math.cos(math.radians(28.0))
+    sky = np.where(patch[..., None], 0.7, 0.2).astype(np.float32) * np.ones(3, np.float32)
+    light = reduce_environment(sky)
+    assert light.lamps == ()
+    builder = GlbBuilder()
+    extensions = {"KHR_materials_anisotropy": {"anisotropyStrength": strength}}
+    pbr = {"metallicFactor": 1.0, "roughnessFactor": 0.2}
+    quad(builder, number=material(builder, (1, 1, 1, 1), extensions, pbr=pbr), TEXCOORD_0=QUAD_UV)
+    found = drawn(renderer_class, builder, tmp_path, light)[:3]
+    lobe = stretched_lobe(directions, 0.04, 0.04 + 0.96 * strength**2) * solid
+    expected = (lobe[..., None] * sky).sum((0, 1)) / lobe.sum()
+    np.testing.assert_allclose(found, expected, rtol=0.08)
+
+
+def stretched_lobe(light, narrow, wide):
+    """GGX with two alphas, times the cosine, for an eye straight above a surface along x and y."""
+    x, y, z = np.moveaxis(light, -1, 0)
+    half = light + np.array([0.0, 0.0, 1.0])
+    half /= np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), 1e-9)
+    hx, hy, hz = np.moveaxis(half, -1, 0)
+    spread = ((hx / wide) ** 2 + (hy / narrow) ** 2 + hz**2) ** 2
+    masked = 0.5 / (z + np.sqrt((wide * x) ** 2 + (narrow * y) ** 2 + z**2))
+    return np.where(z > 1e-3, masked * z / spread, 0.0)
 
 
 @pytest.mark.parametrize("made", ["plastic", "coat"])

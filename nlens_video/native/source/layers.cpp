@@ -60,14 +60,26 @@ float glossy(Cosines n, float a2) {
     return a2 * 0.5f / (kPi * spread * spread * hidden);
 }
 
-// Cosines to the normal, to the direction in which highlights are stretched, and to the one across it.
-float stretched(Cosines n, Cosines along, Cosines beside, float wide, float alpha) {
-    const float a2 = wide * alpha;
-    const float w2 = a2 / (square(alpha * along.half) + square(wide * beside.half) + square(a2 * n.half));
-    const float to_eye = std::sqrt(square(wide * along.eye) + square(alpha * beside.eye) + n.eye * n.eye);
-    const float to_light =
-        std::sqrt(square(wide * along.light) + square(alpha * beside.light) + n.light * n.light);
-    return a2 * w2 * w2 / kPi * std::min(0.5f / (n.light * to_eye + n.eye * to_light), 1.0f);
+// Where highlights are stretched to and the direction across it, with the alpha of either.
+struct Stretch {
+    Vector along, beside;
+    float wide, narrow;
+};
+
+// What facets do not hide from each other, by the product of the cosines to light and eye.
+float unhidden(const Stretch& stretch, Cosines n, Vector light, Vector eye) {
+    const auto reach = [&](Vector to, float cosine) {
+        return std::sqrt(square(stretch.wide * dot(stretch.along, to)) +
+                         square(stretch.narrow * dot(stretch.beside, to)) + square(cosine));
+    };
+    return std::min(0.5f / (n.light * reach(eye, n.eye) + n.eye * reach(light, n.light)), 1.0f);
+}
+
+float stretched(const Stretch& stretch, Cosines n, Vector half, Vector light, Vector eye) {
+    const float a2 = stretch.wide * stretch.narrow;
+    const float across = square(stretch.narrow * dot(stretch.along, half));
+    const float w2 = a2 / (across + square(stretch.wide * dot(stretch.beside, half)) + square(a2 * n.half));
+    return a2 * w2 * w2 / kPi * unhidden(stretch, n, light, eye);
 }
 
 float fibre_fit(float x, float alpha) {
@@ -136,6 +148,7 @@ struct Surface {
           volume(get(block.volume, i)),
           glow(get(block.glow, i)) {}
 
+    bool is_stretched() const { return anisotropy > 0.0f && dot(along, along) > 0.0f; }
     bool has_sheen() const { return largest(sheen) > 0.0f; }
     bool has_coat() const { return coat > 0.0f; }
 
@@ -157,15 +170,43 @@ float of_highlight(const Ray& ray, float roughness, float widening) {
     return 1.0f - ray.in_levels * share_of_levels(widened_roughness(roughness, widening));
 }
 
+Stretch stretch_of(const Surface& surface) {
+    const float alpha = std::max(square(surface.roughness), kLeastAlpha);
+    const float wide = alpha + (1.0f - alpha) * square(surface.anisotropy);
+    return {unit(surface.along), unit(surface.beside),
+            std::sqrt(std::min(wide * wide + surface.widening, 1.0f)),
+            std::sqrt(widened(surface.roughness, surface.widening))};
+}
+
 // Microfacets of the base.
 float base_lobe(const Surface& surface, Cosines cosines, Vector half, Vector light) {
-    const float a2 = widened(surface.roughness, surface.widening), strength = surface.anisotropy;
-    if (!(strength > 0.0f) || !(dot(surface.along, surface.along) > 0.0f)) return glossy(cosines, a2);
-    const auto to = [&](Vector v) { return Cosines{dot(v, half), dot(v, light), dot(v, surface.view)}; };
-    const float alpha = std::max(square(surface.roughness), kLeastAlpha);
-    const float wide = alpha + (1.0f - alpha) * strength * strength;
-    const float wider = std::sqrt(std::min(wide * wide + surface.widening, 1.0f));
-    return stretched(cosines, to(unit(surface.along)), to(unit(surface.beside)), wider, std::sqrt(a2));
+    if (!surface.is_stretched()) return glossy(cosines, widened(surface.roughness, surface.widening));
+    return stretched(stretch_of(surface), cosines, half, light, surface.view);
+}
+
+constexpr int kFacets = 16;
+
+// Light from around that a stretched lobe mirrors: the mean over facets that are tilted along the stretch,
+// as often as their slopes are, each with a lobe that reaches the next one's.
+Vector mirrored_along(const Lights& lights, const Surface& surface) {
+    const Stretch stretch = stretch_of(surface);
+    const float most = std::sqrt(std::max(square(stretch.wide) - square(stretch.narrow), 0.0f));
+    const float roughness = std::sqrt(std::max(stretch.narrow, most / kFacets));
+    Vector sum{};
+    float weights = kLeast;
+    for (int k = 0; k < kFacets; ++k) {
+        const float share = static_cast<float>(2 * k + 1) / kFacets - 1.0f;
+        const float slope = most * share / std::sqrt(1.0f - share * share);
+        const Vector half = unit(surface.normal + stretch.along * slope);
+        const Vector light = mirror(half, surface.view);
+        const Cosines n = cosines_of(surface.normal, half, light, surface.view);
+        const float to_eye = dot(half, surface.view);
+        if (!(n.light > 0.0f) || !(to_eye > 0.0f)) continue;
+        const float weight = unhidden(stretch, n, light, surface.view) * n.light * to_eye / n.half;
+        sum = sum + mirrored_around(lights, light, surface.normal, roughness) * weight;
+        weights += weight;
+    }
+    return sum * (1.0f / weights);
 }
 
 void add_lamp(Layers& layers, const Surface& surface, const Ray& ray) {
@@ -204,7 +245,8 @@ void add_surround(Layers& layers, const Surface& surface, const Lights& lights) 
     const float facing = dot(n, v), metallic = surface.metallic;
     const float edge = surface.specular + (1.0f - surface.specular) * metallic;
     const float wide = widened_roughness(surface.roughness, surface.widening);
-    const Vector ahead = mirrored_around(lights, mirror(n, v), n, wide);
+    const Vector ahead = surface.is_stretched() ? mirrored_along(lights, surface)
+                                                : mirrored_around(lights, mirror(n, v), n, wide);
     const Vector around = around_on(lights.ambient.data, n);
     const RoughMirror rough = rough_mirror(facing, surface.roughness);
     const float left = rough.left(surface.f0, surface.specular);

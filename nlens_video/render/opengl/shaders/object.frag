@@ -205,15 +205,21 @@ void find_stretch(float roughness, float widening)
     stretched = sqrt(min(stretched * stretched + widening, 1.0));
 }
 
+// What facets do not hide from each other, by the product of the cosines to light and eye.
+float unhidden(vec3 l, vec3 v, float nl, float nv, float alpha)
+{
+    float hidden = nl * length(vec3(stretched * dot(along, v), alpha * dot(beside, v), nv))
+        + nv * length(vec3(stretched * dot(along, l), alpha * dot(beside, l), nl));
+    return min(0.5 / hidden, 1.0);
+}
+
 float stretched_glossy(vec3 h, vec3 l, vec3 v, float nh, float nl, float nv, float narrow2)
 {
     float alpha = sqrt(narrow2);
     float a2 = stretched * alpha;
     vec3 f = vec3(alpha * dot(along, h), stretched * dot(beside, h), a2 * nh);
     float w2 = a2 / dot(f, f);
-    float hidden = nl * length(vec3(stretched * dot(along, v), alpha * dot(beside, v), nv))
-        + nv * length(vec3(stretched * dot(along, l), alpha * dot(beside, l), nl));
-    return a2 * w2 * w2 / PI * min(0.5 / hidden, 1.0);
+    return a2 * w2 * w2 / PI * unhidden(l, v, nl, nv, alpha);
 }
 #endif
 
@@ -347,6 +353,31 @@ vec3 mirrored_light(vec3 d, float roughness, vec3 soft)
 #endif
     return soft;
 }
+
+#ifdef USE_ANISOTROPY
+const int FACETS = 16;
+
+// Light that a stretched lobe mirrors: the mean over facets that are tilted along the stretch, as often
+// as their slopes are, each with a lobe that reaches the next one's.
+vec3 mirrored_along(vec3 n, vec3 v, float narrow2)
+{
+    float alpha = sqrt(narrow2), most = sqrt(max(stretched * stretched - narrow2, 0.0));
+    float roughness = sqrt(max(alpha, most / float(FACETS)));
+    vec3 around = from_around(n), sum = vec3(0.0);
+    float nv = max(abs(dot(n, v)), 1e-4), weights = 1e-30;
+    for (int k = 0; k < FACETS; ++k) {
+        float share = float(2 * k + 1) / float(FACETS) - 1.0;
+        vec3 h = normalize(n + along * (most * share * inversesqrt(1.0 - share * share)));
+        vec3 l = reflect(-v, h);
+        float nl = dot(n, l), vh = dot(v, h);
+        if (nl <= 0.0 || vh <= 0.0) continue;
+        float weight = unhidden(l, v, nl, nv, alpha) * nl * vh / max(dot(n, h), 1e-4);
+        sum += weight * mirrored_light(l, roughness, mix(from_around(l), around, roughness));
+        weights += weight;
+    }
+    return sum / weights;
+}
+#endif
 
 // A quadratic of y, and of x and y by its rows.
 float quadratic(vec3 c, float y)
@@ -562,7 +593,11 @@ vec3 lit(vec3 base, float metallic, float roughness, vec3 glow)
     vec3 r = reflect(-v, n);
     vec3 around = from_around(n);
     float wide = widened_roughness(roughness, widening);
+#ifdef USE_ANISOTROPY
+    vec3 ahead = mirrored_along(n, v, a2);
+#else
     vec3 ahead = mirrored_light(r, wide, mix(from_around(r), around, wide));
+#endif
     vec3 color = mix(f0, base, metallic);
     float nv = clamp(dot(n, v), 0.0, 1.0);
     // As under lamps, what the dielectric mirrors is not scattered, alike for all colours.
