@@ -138,7 +138,7 @@ def check_shot(settings: Settings, info: SourceInfo) -> tuple[Scene, tuple[Note,
     """
     first, _ = settings.source.frames
     known = info.frame_count if info.kind in ("video", "sequence", "still") else None
-    if known is not None and _ESTIMATE * first - 2 > known:
+    if known is not None and _surely_missing(first, known):
         raise UsageError(no_such_frames(settings.source, info))
     objects = settings.scene
     if known is not None:
@@ -161,8 +161,13 @@ def _check_frames_of_places(objects: ObjectSettings, frames: int) -> None:
     named = [("--at-frame", objects.at_frame)]
     named += [(f"{one.glb}: at-frame", one.at_frame) for one in objects.others]
     for name, frame in named:
-        if _ESTIMATE * frame - 2 > frames:
+        if _surely_missing(frame, frames):
             raise UsageError(f"{name} {frame}: the plate has {frames} frames, 0 to {frames - 1}")
+
+
+def _surely_missing(index: int, frames: int) -> bool:
+    """Whether a plate lacks that frame, though its number of frames may be an estimate."""
+    return _ESTIMATE * index - 2 > frames
 
 
 def _check_at_frame(objects: ObjectSettings, camera: SolvedCamera | None) -> None:
