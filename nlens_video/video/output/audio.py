@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from fractions import Fraction
-from itertools import product
+from itertools import chain, product
 from math import ceil
 
 import av
@@ -55,6 +55,7 @@ class AudioEncoder:
         fewer: what is said where channels are mixed into fewer ones, else empty.
         exact: whether the samples stay as they are: PCM that becomes the same PCM.
         damaged: packets so far that could not be decoded [1].
+        changed: what is said where channels or rate have changed so far, else empty.
 
     Raises:
         ValueError: there is no decoder for it, or no encoder that accepts its format.
@@ -63,7 +64,7 @@ class AudioEncoder:
     def __init__(
         self, container: av.container.OutputContainer, source: Stream, *, from_zero: bool = False
     ) -> None:
-        self.damaged = 0
+        self.damaged, self.changed = 0, ""
         context = source.codec_context
         if not isinstance(context, AudioCodecContext):
             raise ValueError("nothing decodes it")
@@ -85,6 +86,7 @@ class AudioEncoder:
         formats = self._stream.codec_context.codec.audio_formats or (context.format,)
         self._stream.codec_context.format = formats[0]
         self._resampler = AudioResampler(formats[0].name, layout, rate)
+        self._last: av.AudioFrame | None = None  # of the source
         self._rate = rate
         self._fifo = AudioFifo()
         self._start: int | None = 0 if from_zero else None
@@ -99,9 +101,8 @@ class AudioEncoder:
             self.damaged += 1
             return []
         packets: list[av.Packet[AudioStream]] = []
-        for frame in frames:
-            for part in self._resampler.resample(frame):
-                packets += self._place(part)
+        for part in chain.from_iterable(map(self._resampled, frames)):
+            packets += self._place(part)
         return packets + self._drain(last=False)
 
     def finish(self, until_s: Fraction) -> list[av.Packet[AudioStream]]:
@@ -115,6 +116,17 @@ class AudioEncoder:
         """Packets of silence where the sound so far ends before a time [s]."""
         end = (self._start or 0) + self._counted
         return self._silence(ceil(until_s * self._rate) - end)
+
+    def _resampled(self, frame: av.AudioFrame) -> list[av.AudioFrame]:
+        """Samples in the target's format; a resampler takes those of one format only."""
+        last, self._last, old = self._last, frame, self._resampler
+        if last is None or (last.format.name, _heard(last)) == (frame.format.name, _heard(frame)):
+            return old.resample(frame)
+        if not self.changed and _heard(last) != _heard(frame):
+            told = f"changes from {_heard(last)}, to {_heard(frame)}: all of it becomes"
+            self.changed = f"{told} {self._stream.codec_context.layout.name}, {self._rate} Hz"
+        self._resampler = AudioResampler(old.format, old.layout, old.rate)
+        return old.resample(None) + self._resampler.resample(frame)
 
     def _place(self, part: av.AudioFrame) -> list[av.Packet[AudioStream]]:
         """Append samples at their time stamp, after silence or without what overlaps if needed."""
@@ -174,6 +186,11 @@ class AudioEncoder:
                 packets += self._encoded(rest)
             packets += self._stream.encode(None)
         return packets
+
+
+def _heard(frame: av.AudioFrame) -> str:
+    """Layout and rate of a frame."""
+    return f"{frame.layout.name}, {frame.sample_rate} Hz"
 
 
 def _without(part: av.AudioFrame, samples: int) -> av.AudioFrame | None:

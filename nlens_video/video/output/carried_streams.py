@@ -67,16 +67,20 @@ class CarriedStreams:
     @property
     def left_out(self) -> int:
         """Damaged packets so far, which are not in the result [1]."""
-        return self._refused + sum(encoder.damaged for encoder in self._encoders)
+        return self._refused + sum(encoder.damaged for encoder in self._encoders.values())
 
     @property
-    def cut_notes(self) -> tuple[str, ...]:
-        """On videos of a range so far that lack the key frame before it."""
+    def later_notes(self) -> tuple[str, ...]:
+        """On sound that has changed so far, and on videos of a range without a key frame before."""
         empty = (
             f"stream {index} (video) has no pictures: the range holds none of its key frames"
             for index, skipped in self._awaited.items() if skipped
         )  # fmt: skip
-        return (*self._begun, *empty)
+        changed = (
+            f"stream {index} (audio) {encoder.changed}"
+            for index, encoder in self._encoders.items() if encoder.changed
+        )  # fmt: skip
+        return (*self._begun, *empty, *changed)
 
     def begin(self) -> None:
         """Write the covers, which come before all packets; call once all streams are added."""
@@ -95,7 +99,7 @@ class CarriedStreams:
             pictures: how many are written so far [1].
         """
         if self._name in _PAIRED:
-            for encoder in self._encoders:
+            for encoder in self._encoders.values():
                 self._container.mux(encoder.fill(pictures * self._frame_s - _LATEST_SOUND_S))
 
     def write(self, packet: Packet) -> None:
@@ -128,12 +132,14 @@ class CarriedStreams:
             pictures: how many there are [1].
         """
         until_s = pictures * self._frame_s if self._name in _PAIRED else Fraction(0)
-        for encoder in self._encoders:
+        for encoder in self._encoders.values():
             self._container.mux(encoder.finish(until_s))
 
     @property
-    def _encoders(self) -> list[AudioEncoder]:
-        return [one for one in self._targets.values() if isinstance(one, AudioEncoder)]
+    def _encoders(self) -> dict[int, AudioEncoder]:
+        """Those of sound, by the stream's number."""
+        found = self._targets.items()
+        return {index: one for index, one in found if isinstance(one, AudioEncoder)}
 
     def _add(self, stream: CopiedStream) -> str:
         """Add a stream; a note where it is not copied."""

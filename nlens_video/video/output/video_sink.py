@@ -108,7 +108,7 @@ class VideoSink(Sink):
         """Differences from the source so far, with reasons."""
         count = self._carried.left_out
         lost = f"{count} damaged packets of sound or other streams were left out"
-        return (*self._notes, *self._carried.cut_notes, *((lost,) if count else ()))
+        return (*self._notes, *self._carried.later_notes, *((lost,) if count else ()))
 
     def close(self) -> None:
         """Discard the result, or keep what is written where that was requested."""
