@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from typing import NamedTuple
 
 import av
 import av.container
@@ -32,6 +33,18 @@ the pictures wait in memory."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
+class _Written(NamedTuple):
+    """A packet that was copied.
+
+    Attributes:
+        packet: with the times that the muxer got.
+        at_s: its own decoding time, None where unknown [s].
+    """
+
+    packet: Packet
+    at_s: Fraction | None
+
+
 class CarriedStreams:
     """The other streams of a result, its metadata and its chapters.
 
@@ -51,6 +64,8 @@ class CarriedStreams:
         self._name = container.format.name
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
         self._covers: list[tuple[Stream, bytes]] = []
+        self._hidden: dict[int, Packet] = {}  # the last packet of each sound that is not shown
+        self._last: dict[int, _Written] = {}
         # videos whose first key frame has not come, and whether other packets have
         self._awaited: dict[int, bool] = {}
         self._begun: list[str] = []
@@ -105,8 +120,9 @@ class CarriedStreams:
     def write(self, packet: Packet) -> None:
         """Write a packet, unless its stream is left out.
 
-        Damaged packets, and those whose time steps back, are left out and counted. A video of a
-        range begins with a key frame, since nothing before one can be decoded.
+        Damaged packets, and those whose time steps back, are left out and counted. What an edit
+        list hides is left out too. A video of a range begins with a key frame, since nothing
+        before one can be decoded.
 
         Raises:
             av.FFmpegError: the disk is full, or the container refuses it.
@@ -117,11 +133,13 @@ class CarriedStreams:
         if self._ends_s is not None and packet.stream.type == "subtitle":
             _end_by(packet, self._ends_s)
         try:
+            if isinstance(target, SubtitleEncoder) and packet.is_discard:
+                return
             if isinstance(target, (AudioEncoder, SubtitleEncoder)):
                 self._container.mux(target.encode(packet))
             elif target is not None:
-                packet.stream = target
-                self._container.mux(packet)
+                for shown in self._shown(packet):
+                    self._copy(shown, target)
         except (av.InvalidDataError, av.ArgumentError):
             self._refused += 1
 
@@ -172,6 +190,42 @@ class CarriedStreams:
             lost = f"; {encoder.fewer}" if encoder.fewer else ""
         why = moved or f"{self._name} does not hold its codec"
         return f"{label} becomes {encoder.codec}: {why}{lost}"
+
+    def _shown(self, packet: Packet) -> list[Packet]:
+        """Packets to copy for one of the source's, which an edit list may hide.
+
+        A video is decoded from its hidden packets on, sound from the last one of them on: its first
+        samples overlap. Where there are no times that one would delay the sound.
+        """
+        index, kind = packet.stream.index, packet.stream.type
+        if self._name in MP4_FAMILY or kind == "video":
+            return [packet]
+        if packet.is_discard:
+            if kind == "audio" and not begins_at_zero(self._name):
+                self._hidden[index] = packet
+            return []
+        before = self._hidden.pop(index, None)
+        return [packet] if before is None else [before, packet]
+
+    def _copy(self, packet: Packet, target: Stream) -> None:
+        """Write a packet; most muxers refuse one at the time of the packet before it.
+
+        Some recorders write such sound, and rounding to a muxer's ticks makes it.
+        """
+        index, dts, last = packet.stream.index, packet.dts, self._last.get(packet.stream.index)
+        at_s = None if dts is None else dts * Fraction(packet.time_base or 1)
+        packet.stream = target
+        try:
+            self._container.mux(packet)
+        except av.ArgumentError:
+            if packet.is_corrupt or last is None or last.packet.dts is None:
+                raise
+            if at_s is None or last.at_s is None or at_s < last.at_s:
+                raise
+            packet.dts = last.packet.dts + 1
+            packet.pts = packet.dts if packet.pts is None else max(packet.pts, packet.dts)
+            self._container.mux(packet)
+        self._last[index] = _Written(packet, at_s)
 
     def _begins(self, packet: Packet) -> bool:
         """Whether a packet is the first key frame of a video; notes how late it is."""
