@@ -148,8 +148,8 @@ def _merged(
                     f"{following[0].path}: goes on after the plate's last frame {written - 1}; "
                     "render it again"
                 )
-            notes = (*plate.info.notes, *sink.notes)
             sink.commit()
+            notes = (*plate.info.notes, *sink.notes)
     return Merged(output=output.spec, frames=written, chunks=chunks, notes=notes)
 
 

@@ -172,6 +172,8 @@ def render(
             on_progress(written, total)
         check_lens_told(session, live=source.info.kind == "stream")
         check_written(settings, source.info, written, changed=changed or chunks is not None)
+        sink.commit()
+        complete = True
         result = RunResult(
             output=output.spec, fit=session.executor.fit, decisions=session.decisions,
             timing=profiler.summary(), composited=composited, damaged=source.damaged,
@@ -187,8 +189,6 @@ def render(
                 *checks.notes,
             ),
         )  # fmt: skip
-        sink.commit()
-        complete = True
         sidecars.finish(result.timing, result.notes)
     return replace(result, missing=sidecars.missing)
 

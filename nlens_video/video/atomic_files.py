@@ -97,6 +97,16 @@ def remove_stale(path: Path, *, whole_folder: bool = False) -> tuple[str, ...]:
     return tuple(notes)
 
 
+def keep_last(path: Path) -> tuple[str, ...]:
+    """Keep the last of the files that `left_over` finds, remove the others; a note on each."""
+    found = [one for one in left_over(path) if one.stat().st_size]
+    if not found:
+        return remove_stale(path)
+    kept = kept_name(path)
+    max(found, key=lambda one: one.stat().st_mtime).replace(kept)
+    return (f"what a killed run has left is now {kept}", *remove_stale(path))
+
+
 def _before_process(path: Path) -> str:
     """The beginning of temporary names of `path`."""
     mark = f".partial-{_host()}-"

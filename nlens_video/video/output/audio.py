@@ -22,8 +22,7 @@ from nlens_video.video.output.containers import MP4_FAMILY, holds_audio
 from nlens_video.video.output.recent_codecs import is_recent
 
 _PREFERRED = ("aac", "libopus")
-_SURROUND = ("ac3",)
-"""Preferred to MPEG layer 2, which has two channels."""
+_SURROUND = ("ac3",)  # preferred to MPEG layer 2, which has two channels
 _LOSSLESS = ("flac", "alac", "wavpack", "tta", "mlp", "truehd")
 _LOSSLESS_IN = ("mov", "mp4", "ipod", "matroska", "ogv", "ogg")
 """Containers in which players take ALAC or FLAC."""
@@ -93,6 +92,11 @@ class AudioEncoder:
         self._counted = self._taken = 0
         self._decoder = context
 
+    @property
+    def end_s(self) -> Fraction:
+        """Where the sound so far ends [s]."""
+        return Fraction((self._start or 0) + self._counted, self._rate)
+
     def encode(self, packet: Packet) -> list[av.Packet[AudioStream]]:
         """Packets of the target's codec for one of the source's."""
         try:
@@ -114,8 +118,7 @@ class AudioEncoder:
 
     def fill(self, until_s: Fraction) -> list[av.Packet[AudioStream]]:
         """Packets of silence where the sound so far ends before a time [s]."""
-        end = (self._start or 0) + self._counted
-        return self._silence(ceil(until_s * self._rate) - end)
+        return self._silence(ceil((until_s - self.end_s) * self._rate))
 
     def _resampled(self, frame: av.AudioFrame) -> list[av.AudioFrame]:
         """Samples in the target's format; a resampler takes those of one format only."""
@@ -142,12 +145,9 @@ class AudioEncoder:
         packets: list[av.Packet[AudioStream]] = []
         if gap > tolerance:
             packets = self._silence(gap)
-        if -gap > tolerance:
-            rest = _without(part, -gap)
-            if rest is None:
-                return packets
-            part = rest
-        self._write(part)
+        rest = _without(part, -gap) if -gap > tolerance else part
+        if rest is not None:
+            self._write(rest)
         return packets
 
     def _silence(self, samples: int) -> list[av.Packet[AudioStream]]:

@@ -30,6 +30,8 @@ _PAIRED = ("mxf", "dv")
 _LATEST_SOUND_S = 10
 """How long such a container waits for sound before there is silence, as FFmpeg's other muxers do:
 the pictures wait in memory."""
+_MISSED_S = Fraction(1, 4)
+"""Sound after the pictures that is missed [s]; packets at the end reach as far as 0.1 s."""
 _COVERS = {"mjpeg": ("jpg", "image/jpeg"), "png": ("png", "image/png")}
 
 
@@ -68,7 +70,7 @@ class CarriedStreams:
         self._last: dict[int, _Written] = {}
         # videos whose first key frame has not come, and whether other packets have
         self._awaited: dict[int, bool] = {}
-        self._begun: list[str] = []
+        self._found: list[str] = []
         added = [self._add(stream) for stream in info.copied]
         self.notes = (*(note for note in added if note), *set_languages(container))
         if _has_timecode(info) and self._name not in _TIMECODE:
@@ -80,13 +82,8 @@ class CarriedStreams:
             container.set_chapters(list(info.chapters))
 
     @property
-    def left_out(self) -> int:
-        """Damaged packets so far, which are not in the result [1]."""
-        return self._refused + sum(encoder.damaged for encoder in self._encoders.values())
-
-    @property
     def later_notes(self) -> tuple[str, ...]:
-        """On sound that has changed so far, and on videos of a range without a key frame before."""
+        """On what has been found so far: videos of a range, sound that changes, damaged packets."""
         empty = (
             f"stream {index} (video) has no pictures: the range holds none of its key frames"
             for index, skipped in self._awaited.items() if skipped
@@ -95,7 +92,9 @@ class CarriedStreams:
             f"stream {index} (audio) {encoder.changed}"
             for index, encoder in self._encoders.items() if encoder.changed
         )  # fmt: skip
-        return (*self._begun, *empty, *changed)
+        count = self._refused + sum(encoder.damaged for encoder in self._encoders.values())
+        lost = f"{count} damaged packets of sound or other streams were left out"
+        return (*self._found, *empty, *changed, *((lost,) if count else ()))
 
     def begin(self) -> None:
         """Write the covers, which come before all packets; call once all streams are added."""
@@ -149,9 +148,15 @@ class CarriedStreams:
         Args:
             pictures: how many there are [1].
         """
-        until_s = pictures * self._frame_s if self._name in _PAIRED else Fraction(0)
-        for encoder in self._encoders.values():
+        paired = self._name in _PAIRED
+        until_s = pictures * self._frame_s if paired else Fraction(0)
+        for index, encoder in self._encoders.items():
             self._container.mux(encoder.finish(until_s))
+            if paired and (cut_s := encoder.end_s - until_s) >= _MISSED_S:
+                self._found.append(
+                    f"stream {index} (audio) loses its last {float(cut_s):.2f} s: {self._name} "
+                    "holds no sound after the pictures; .mov, .mkv and .mp4 files do"
+                )
 
     @property
     def _encoders(self) -> dict[int, AudioEncoder]:
@@ -235,7 +240,7 @@ class CarriedStreams:
             return False
         if self._awaited.pop(index) and packet.pts is not None and packet.time_base:
             late_s = float(packet.pts * packet.time_base)
-            self._begun.append(
+            self._found.append(
                 f"stream {index} (video) begins {late_s:.3f} s later, at its first key frame in "
                 "the range"
             )

@@ -30,7 +30,13 @@ from nlens_video.video.output.encoders import (  # fmt: skip
 from nlens_video.video.output.hdr_parameters import with_hdr
 from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.pixels.pixel_formats import layout, working_format
-from nlens_video.video.times.encoder_clocks import EncoderClock, FixedRateClock, GridClock
+from nlens_video.video.times.encoder_clocks import (
+    CountingClock,
+    EncoderClock,
+    FixedRateClock,
+    GridClock,
+)
+from nlens_video.video.times.start import counts_pictures
 
 _SAME = (
     "ffv1", "ffvhuff", "huffyuv", "utvideo", "magicyuv", "mjpeg", "mpeg2video", "mpeg1video",
@@ -238,12 +244,14 @@ def _format(info: SourceInfo, name: str, holds: Holds) -> str:
 
 def encoder_clock(codec: str, container: str, info: SourceInfo) -> EncoderClock:
     """The clock that suits an encoder and a container."""
-    fixed = codec in _FIXED_RATE or container == "yuv4mpegpipe"
+    rate = info.average_rate or Fraction(25)
+    if counts_pictures(container):
+        return CountingClock(info, rate, container)
     # AVI stores a frame for each tick of its clock, no times; readers count ticks as frames
-    fixed |= container == "avi" and info.steady
+    fixed = codec in _FIXED_RATE or (container == "avi" and info.steady)
     fine = codec == "mpeg4" and info.time_base.denominator > _MPEG4_LARGEST
     if fixed or fine:
-        return FixedRateClock(info, info.average_rate or Fraction(25))
+        return FixedRateClock(info, rate)
     if container in MP4_FAMILY and GridClock.suits(info):
         grid = GridClock(info)
         if codec != "mpeg4" or grid.time_base.denominator <= _MPEG4_LARGEST:

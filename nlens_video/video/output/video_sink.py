@@ -17,7 +17,7 @@ from av.video.stream import VideoStream
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutputError, ReaderGone
-from nlens_video.video.atomic_files import kept_name, left_over, partial_name, publish, remove_stale
+from nlens_video.video.atomic_files import keep_last, kept_name, partial_name, publish, remove_stale
 from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.matroska_aspect import CONTAINERS as HEADERS
@@ -71,7 +71,8 @@ class VideoSink(Sink):
         self._open = True
         self._committed = False
         self._written = 0
-        rescued = self._rescued()
+        rescue = keep_last if keep_partial else remove_stale
+        rescued = rescue(self._path) if self._path else ()
         self._container = self._open_container()
         try:
             if self._direct is not None and self._container.format.name == "nut" and codec is None:
@@ -106,9 +107,7 @@ class VideoSink(Sink):
     @property
     def notes(self) -> tuple[str, ...]:
         """Differences from the source so far, with reasons."""
-        count = self._carried.left_out
-        lost = f"{count} damaged packets of sound or other streams were left out"
-        return (*self._notes, *self._carried.later_notes, *((lost,) if count else ()))
+        return (*self._notes, *self._clock.notes, *self._carried.later_notes)
 
     def close(self) -> None:
         """Discard the result, or keep what is written where that was requested."""
@@ -136,9 +135,15 @@ class VideoSink(Sink):
         stored = upright_frame if self._turns else picture_frame
         name, limited = self.encoding.pixel_format, self._colour.limited
         encoded = stored(display_coded(frame.picture, name), name, limited=limited)
-        self._clock.stamp(encoded, self._start.frame(frame))
-        self._written += 1
         encoded.pict_type = 0  # else the encoder repeats the source's choice of key frames
+        placed = self._start.frame(frame)
+        for picture in self._clock.missed(placed):
+            self._encode(picture)
+        self._clock.stamp(encoded, placed)
+        self._encode(encoded)
+
+    def _encode(self, encoded: av.VideoFrame) -> None:
+        self._written += 1
         with self._writing():
             self._carried.begin()
             self._container.mux(self._clock.retimed(self._stream.encode(encoded)))
@@ -203,19 +208,6 @@ class VideoSink(Sink):
             f"pixels of {shape} become square: {name} does not hold their shape for {encoder}; "
             ".mkv, .mov and .mp4 files do",
         )
-
-    def _rescued(self) -> tuple[str, ...]:
-        """Remove files of killed runs, or keep the last of them where that was requested."""
-        if self._path is None:
-            return ()
-        notes: tuple[str, ...] = ()
-        if self._keep:
-            found = [one for one in left_over(self._path) if one.stat().st_size]
-            if found:
-                kept = kept_name(self._path)
-                max(found, key=lambda one: one.stat().st_mtime).replace(kept)
-                notes = (f"what a killed run has left is now {kept}",)
-        return (*notes, *remove_stale(self._path))
 
     def _close_files(self) -> None:
         if self._open:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from math import lcm
 from typing import TypeAlias
@@ -12,6 +13,8 @@ from av.video.stream import VideoStream
 from nlens_video.video.info import SourceFrame, SourceInfo
 
 _LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
+_LONGEST_GAP_S = 3600
+_SEEN_STEPS = 1  # by which pictures of uneven times may be late unsaid [1]
 _FINEST = 1_000_000
 """Most ticks in a second; rates that need more are estimates [1/s]."""
 Packets: TypeAlias = "list[av.Packet[VideoStream]]"
@@ -28,6 +31,16 @@ class EncoderClock:
         self.time_base = info.time_base
         self._first: int | None = None
         self._longest_s = Fraction(_LONGEST_DELAY_S)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """On times so far that the result does not have."""
+        return ()
+
+    def missed(self, frame: SourceFrame) -> Iterator[av.VideoFrame]:
+        """Pictures to encode before a frame, where it leaves a gap that needs them."""
+        del frame
+        return iter(())
 
     def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
         """Set the time of a frame to encode."""
@@ -62,9 +75,12 @@ class FixedRateClock(EncoderClock):
         """Set the time of a frame to the nearest free step of the rate."""
         if self._first is None:
             self._first = frame.pts
-        step = round((frame.pts - self._first) * self._source / self.time_base)
-        self._last = max(step, self._last + 1)
+        self._last = max(self._step(frame), self._last + 1)
         encoded.pts, encoded.time_base, encoded.duration = self._last, self.time_base, 1
+
+    def _step(self, frame: SourceFrame) -> int:
+        first = frame.pts if self._first is None else self._first
+        return round((frame.pts - first) * self._source / self.time_base)
 
     def retimed(self, packets: Packets) -> Packets:
         """The packets, in place, counted from the first frame's pts."""
@@ -76,6 +92,44 @@ class FixedRateClock(EncoderClock):
             packet.duration = round(scale)
             packet.time_base = self._source
         return packets
+
+
+class CountingClock(FixedRateClock):
+    """Times of a container that stores none: each step of the rate needs a picture."""
+
+    def __init__(self, info: SourceInfo, rate: Fraction, container: str) -> None:
+        super().__init__(info, rate)
+        self._container = container
+        self._shown: av.VideoFrame | None = None
+        self._repeated = self._late = 0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """On pictures so far that fill gaps, and on those that come later than the plate's."""
+        why = f"{self._container} stores no times; .mov, .mkv and .mp4 files do"
+        again = f"gaps between pictures are filled with {self._repeated}, each the one before again"
+        late_s = float(self._late * self.time_base)
+        rate = float(1 / self.time_base)
+        late = f"pictures come up to {late_s:.2f} s late, at {rate:.5g} per second"
+        told = ((self._repeated, again), (self._late > _SEEN_STEPS, late))
+        return tuple(f"{text}: {why}" for holds, text in told if holds)
+
+    def missed(self, frame: SourceFrame) -> Iterator[av.VideoFrame]:
+        """The last picture, again for each step up to a frame; none where its time is wrong."""
+        missing = self._step(frame) - self._last - 1
+        if self._shown is None or missing * self.time_base > _LONGEST_GAP_S:
+            return
+        for _ in range(missing):
+            self._last += 1
+            self._shown.pts = self._last
+            yield self._shown
+            self._repeated += 1
+
+    def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
+        """Set the time of a frame to the nearest free step of the rate."""
+        super().stamp(encoded, frame)
+        self._shown = encoded
+        self._late = max(self._late, self._last - self._step(frame))
 
 
 class GridClock(EncoderClock):

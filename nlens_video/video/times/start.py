@@ -97,6 +97,17 @@ def begins_at_zero(container: str) -> bool:
     return container in _TIMELESS
 
 
+def counts_pictures(container: str) -> bool:
+    """Whether a container shows pictures one after the other at its rate, whatever their times.
+
+    AVI does not: FFmpeg writes empty frames where a time has no picture.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+    """
+    return container in _TIMELESS and container not in _PADDED
+
+
 def moved_sound(container: str, stream: CopiedStream) -> str:
     """What must be done to sound that a container would move; empty where it stays in sync.
 
