@@ -82,17 +82,23 @@ def stored_colour(
     )  # fmt: skip
 
 
-def siting_option(info: SourceInfo, pixel_format: str) -> dict[str, str]:
+def siting_option(info: SourceInfo, pixel_format: str, container: str) -> dict[str, str]:
     """An encoder's option for chroma that does not lie where readers assume, on the left.
+
+    Y4M always says where; without the option, that it is centred.
 
     Args:
         info: the source.
         pixel_format: of the result, FFmpeg's name.
+        container: FFmpeg's name of the muxer.
     """
     kinds = (_layout(info.pixel_format), _layout(pixel_format))
     halved = all(kind is not None and (kind.step_x, kind.step_y) == (2, 2) for kind in kinds)
-    told = halved and info.chroma_siting not in ("", "left")
-    return {"chroma_sample_location": info.chroma_siting} if told else {}
+    if halved and info.codec == "rawvideo" and not info.chroma_siting:
+        return {}  # of Y4M, whose chroma is mostly centred: what it says is not read
+    siting = (info.chroma_siting if halved else "") or "left"
+    told = siting != "left" or container == "yuv4mpegpipe"
+    return {"chroma_sample_location": siting} if told else {}
 
 
 def set_colour(told: VideoCodecContext | av.VideoFrame, tags: FrameTags) -> None:

@@ -37,6 +37,29 @@ def test_chroma_siting_is_kept(tmp_path, siting, name, codec):
     assert siting_of(tmp_path / name) in ({siting} if siting != "left" else {"left", ""})
 
 
+@pytest.mark.parametrize(
+    ("siting", "mark"), [("topleft", b"420paldv"), ("left", b"420mpeg2"), ("center", b"420jpeg")]
+)
+def test_y4m_names_the_siting_of_the_plate(tmp_path, siting, mark):
+    source = plate(tmp_path, siting, codec="libx264", pixel_format="yuv420p")
+    copy(source, tmp_path / "out.y4m")
+    header = (tmp_path / "out.y4m").read_bytes().split(b"\n")[0].split()
+    assert b"C" + mark in header
+
+
+def test_y4m_of_a_plate_that_does_not_tell_says_what_readers_assume(tmp_path):
+    source = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")] * 3)
+    assert siting_of(source) == ""
+    copy(source, tmp_path / "out.y4m")
+    assert b"C420mpeg2" in (tmp_path / "out.y4m").read_bytes()[:100]
+
+
+def test_centred_chroma_of_y4m_stays_centred_in_it(tmp_path):
+    copy(plate(tmp_path, "center", codec="libx264", pixel_format="yuv420p"), tmp_path / "in.y4m")
+    copy(tmp_path / "in.y4m", tmp_path / "out.y4m")
+    assert b"C420jpeg" in (tmp_path / "out.y4m").read_bytes()[:100]
+
+
 def test_jpeg_pictures_say_in_h264_that_their_chroma_is_centred(tmp_path):
     copy(plate(tmp_path, "left"), tmp_path / "p_%d.jpg")
     copy(tmp_path / "p_%d.jpg", tmp_path / "out.mp4")

@@ -156,7 +156,7 @@ def _encoder(info: SourceInfo, holds: Holds, container: str, default: str) -> tu
     else:
         width, height = info.stored_size
         raise OutputError(
-            f"{container} holds nothing for pictures of {width}x{height} at "
+            f"{container} holds nothing for pictures of {width}x{height} in {info.pixel_format} at "
             f"{float(info.average_rate or 0):.4g} frames per second ({info.codec}); "
             "give another OUT, such as .mp4, .mov or .mkv"
         )

@@ -15,6 +15,7 @@ import av.container
 from nlens_video.core.errors import OutputError
 from nlens_video.video.named_files import ImageSequence
 from nlens_video.video.output.picture_files import EXTENSIONS, check_kind
+from nlens_video.video.output.trials import UNOFFICIAL
 
 _BY_SCHEME = {"rtmp": "flv", "rtsp": "rtsp", "tcp": "mpegts", "udp": "mpegts"}
 """Containers of protocols whose URLs have no extension."""
@@ -130,8 +131,8 @@ class StreamOutput:
                 f"| ffmpeg -i - -pix_fmt yuv420p -f v4l2 {spec}"
             )
         suffix = Path(spec).suffix.lower()
-        options = _FRAGMENTED if suffix in _MP4_FAMILY else {}
         found = muxer(spec) if suffix else NUT
+        options = _FRAGMENTED if suffix in _MP4_FAMILY else UNOFFICIAL.get(found.name, {})
         # opened here, where Ctrl-C interrupts the wait for the reader of a named pipe
         self._file = Path(spec).open("wb")
         return av.open(_Pipe(self._file), "w", format=found.name, container_options=options)

@@ -35,6 +35,9 @@ _OPTIONS = {
     "libvpx-vp9": {"deadline": "realtime", "cpu-used": "8"},
 }
 """Of an encoder in a trial, where those of results are slow or fail on it."""
+UNOFFICIAL = {"yuv4mpegpipe": {"strict": "-1"}}
+"""Options of muxers that write pictures of more than 8 bits in a form that all readers know, but
+which is not in the container's own definition."""
 _UNTAGGED = FrameTags()
 _Seen = TypeVar("_Seen")
 
@@ -46,7 +49,11 @@ def trial(
     """What is seen of the streams that FFmpeg finds in a trial; none where it fails."""
     file = io.BytesIO()
     try:
-        with ordinary_priority(), av.open(file, "w", format=container) as out:
+        options = UNOFFICIAL.get(container, {})
+        with (
+            ordinary_priority(),
+            av.open(file, "w", format=container, container_options=options) as out,
+        ):
             write(out)
         file.seek(0)
         with av.open(file, "r") as found:

@@ -35,8 +35,8 @@ from nlens_video.video.output.encoder_threads import (
     thread_type,
 )
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
-from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, nothing_writes
-from nlens_video.video.output.trials import plays
+from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, muxer
+from nlens_video.video.output.trials import UNOFFICIAL, plays
 from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.upright import upright_frame
@@ -244,7 +244,7 @@ class VideoSink(Sink):
         if self._path is None:
             self._direct = StreamOutput(self._spec)
             return self._direct.container
-        options = {}
+        options = dict(UNOFFICIAL.get(muxer(self._spec).name, {}))
         if self._path.suffix.lower() in (".mkv", ".webm", ".mka", ".avi"):
             # Audio that starts before zero must not push the pictures off their own times.
             options["avoid_negative_ts"] = "disabled"
@@ -253,21 +253,20 @@ class VideoSink(Sink):
         # file: a name with a colon is no protocol
         try:
             return av.open(f"file:{self._partial}", "w", container_options=options)
-        except ValueError as error:
-            raise nothing_writes(self._spec) from error
         except (av.FFmpegError, OSError) as error:
             raise OutputError(f"{self._spec}: cannot be written ({error.strerror})") from error
 
     def _add_video(self, encoding: Encoding) -> VideoStream:
         info = self._info
         rate = info.average_rate or Fraction(25)
-        options = encoding.options | siting_option(info, encoding.pixel_format)
+        name = self._container.format.name
+        options = encoding.options | siting_option(info, encoding.pixel_format, name)
         stream = self._container.add_stream(encoding.codec, rate, options)
         assert isinstance(stream, VideoStream)
         context = stream.codec_context
         stream.width, stream.height = info.stored_size
         stream.pix_fmt = encoding.pixel_format
-        self._clock = encoder_clock(encoding.codec, self._container.format.name, info)
+        self._clock = encoder_clock(encoding.codec, name, info)
         stream.time_base = context.time_base = self._clock.time_base
         context.flags |= Flags.frame_duration
         context.thread_type = thread_type(encoding.codec, live=info.kind == "stream")
@@ -276,7 +275,7 @@ class VideoSink(Sink):
         if not info.orientation.upright:
             shown = info.orientation
             stream.set_display_rotation(shown.rotation, hflip=shown.mirrored)
-        if entry := sample_entry(self._container.format.name, encoding.codec):
+        if entry := sample_entry(name, encoding.codec):
             context.codec_tag = entry
         set_tags(stream, info)
         set_colour(context, self._colour.tags)
