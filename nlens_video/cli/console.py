@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console as RichConsole
 
+from nlens_video.core import signals
 from nlens_video.core.errors import NlensError, OutputError, ReaderGone
 from nlens_video.core.stdio import escape_controls, print_out, standard_error
 
@@ -31,6 +32,8 @@ OnProgress = Callable[[int, int | None], None]
 
 class Console:
     """Writes messages to standard error; JSON and plans to standard output, where it is free.
+
+    What it shows as a result is written: from then on a signal comes too late to end the run.
 
     Args:
         quiet: errors only.
@@ -80,6 +83,7 @@ class Console:
 
     def fit(self, outcome: FitOutcome) -> None:
         """Show a fit that was saved."""
+        signals.complete()
         if self._json:
             self._emit({"fit": asdict(outcome.fit), "saved": str(outcome.path)})
         elif not self._quiet:
@@ -89,6 +93,7 @@ class Console:
 
     def camera(self, path: Path, camera: SolvedCamera) -> None:
         """Show a plate's camera that was saved."""
+        signals.complete()
         from nlens_video.cameras.doubt import doubt, missed  # compiled kernels load with it
 
         first, errors = camera.keys[0], camera.errors
@@ -114,6 +119,7 @@ class Console:
 
     def choices(self, path: Path, options: tuple[str, ...]) -> None:
         """Show that a contact sheet was written, and the options of each of its pictures."""
+        signals.complete()
         if self._json:
             self._emit({"saved": str(path), "choices": options})
         elif not self._quiet:
@@ -133,6 +139,7 @@ class Console:
 
     def merged(self, merged: Merged) -> None:
         """Show the result of a merge."""
+        signals.complete()
         if self._json:
             self._emit(asdict(merged))
         elif not self._quiet:
@@ -143,6 +150,7 @@ class Console:
 
     def shots(self, results: Sequence[tuple[str, Merged | NlensError]]) -> None:
         """Show the result of each shot of a list by number and plate; errors even with `quiet`."""
+        signals.complete()
         if self._json:
             self._emit(
                 [
@@ -161,6 +169,7 @@ class Console:
 
     def outcome(self, outcome: RunResult) -> None:
         """Show the result of a run."""
+        signals.complete()
         if self._json:
             self._emit(outcome.as_json())
         elif not self._quiet:

@@ -43,11 +43,11 @@ def main(argv: list[str] | None = None) -> int:
     if _COMPLETING in os.environ:
         complete()
     prepare_streams()
-    argv = list(sys.argv[1:] if argv is None else argv)
+    words = list(sys.argv[1:] if argv is None else argv)
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(sys.__stderr__)  # a crash in a library names the line that called it
-    with signals.interruptible():
-        code = _exit_code(argv)
+    with signals.interruptible(ends=argv is None):
+        code = _exit_code(words)
     _exit_if_reader_blocks(code)
     return code
 

@@ -18,6 +18,7 @@ ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 requested = threading.Event()
+_complete = threading.Event()
 _ALARM = getattr(signal, "SIGALRM", None)
 _SOON_S = 0.02  # until a signal that came at a bad moment is looked at again [s]
 _LATEST = 250  # times that it is looked at [1]
@@ -30,9 +31,9 @@ _waited = 0
 
 
 def handler(number: int, frame: FrameType | None) -> None:
-    """Signal handler: the first signal interrupts, later ones are ignored during clean-up."""
+    """Signal handler: the first signal interrupts; during clean-up and at the end none does."""
     global _waited
-    if requested.is_set():
+    if requested.is_set() or _complete.is_set():
         return
     if _ALARM is not None and _waited < _LATEST and _holds_locks(frame):
         _waited += 1
@@ -62,17 +63,26 @@ def check() -> None:
         raise KeyboardInterrupt
 
 
+def complete() -> None:
+    """Ignore termination signals that come from now on: all that was asked for is written."""
+    _complete.set()
+
+
 @contextmanager
-def interruptible() -> Iterator[None]:
+def interruptible(*, ends: bool = False) -> Iterator[None]:
     """SIGTERM and the like end a run as Ctrl-C does; a second one does not disturb the clean-up.
 
     A SIGHUP that the parent process had ignored, as `nohup` does, stays ignored.
+
+    Args:
+        ends: whether the process ends afterwards, so that a signal comes too late.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     global _waited
     requested.clear()
+    _complete.clear()
     _waited = 0
     looked_at = ENDING if _ALARM is None else (*ENDING, _ALARM)
     before = {number: signal.getsignal(number) for number in looked_at}
@@ -83,6 +93,8 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     finally:
+        if ends:
+            complete()
         for number, earlier in before.items():
-            ends = requested.is_set() and number != _ALARM
-            signal.signal(number, signal.SIG_IGN if ends else earlier)
+            ignored = (ends or requested.is_set()) and number != _ALARM
+            signal.signal(number, signal.SIG_IGN if ignored else earlier)

@@ -356,6 +356,20 @@ def test_interrupt_after_the_result_is_complete_says_so(files, tmp_path, monkeyp
     assert out.exists()
 
 
+@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signal_while_the_summary_is_shown_does_not_fail_the_run(files, tmp_path, name):
+    out = tmp_path / "out.mp4"
+    run = process(files / "in.mp4", files / "anim.glb", out, "--fit", files / "fit.json")
+    for line in run.stderr:
+        if line.startswith(b"wrote"):
+            run.send_signal(getattr(signal, name))
+            break
+    run.communicate(timeout=60)
+    assert run.returncode == 0
+    assert out.exists()
+
+
 NOTHING = "nlens-video: interrupted, no output written"
 LOST = "nlens-video: interrupted; no output written (--keep-partial keeps what was recorded)"
 

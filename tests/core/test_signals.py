@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from nlens_video.core import signals
+
 IMPORTS = """
 import os, signal, sys, time
 from nlens_video.core import signals
@@ -50,6 +52,16 @@ try:
 except KeyboardInterrupt:
     print("interrupted")
 """
+COMPLETE = """
+import os, signal
+from nlens_video.core import signals
+with signals.interruptible(ends=True):
+    signals.complete()
+    os.kill(os.getpid(), signal.{name})
+    print("told", flush=True)
+os.kill(os.getpid(), signal.{name})
+print("ended")
+"""
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "SIGALRM"), reason="interrupts are delayed by SIGALRM, which Windows lacks"
 )
@@ -78,3 +90,16 @@ def test_interrupt_of_an_import_that_does_not_end_comes_none_the_less(tmp_path):
         "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(30)\n"
     )
     assert told(FOREVER.format(folder=str(tmp_path))) == ("interrupted\n", 0)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_signal_after_all_is_written_changes_nothing(name):
+    assert told(COMPLETE.format(name=name)) == ("told\nended\n", 0)
+
+
+def test_handlers_of_a_program_that_goes_on_are_restored():
+    before = [signal.getsignal(number) for number in signals.ENDING]
+    with signals.interruptible():
+        signals.complete()
+        assert all(signal.getsignal(number) is signals.handler for number in signals.ENDING)
+    assert [signal.getsignal(number) for number in signals.ENDING] == before
