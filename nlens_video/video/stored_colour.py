@@ -94,8 +94,6 @@ def siting_option(info: SourceInfo, pixel_format: str, container: str) -> dict[s
     """
     kinds = (_layout(info.pixel_format), _layout(pixel_format))
     halved = all(kind is not None and (kind.step_x, kind.step_y) == (2, 2) for kind in kinds)
-    if halved and info.codec == "rawvideo" and not info.chroma_siting:
-        return {}  # of Y4M, whose chroma is mostly centred: what it says is not read
     siting = (info.chroma_siting if halved else "") or "left"
     told = siting != "left" or container == "yuv4mpegpipe"
     return {"chroma_sample_location": siting} if told else {}

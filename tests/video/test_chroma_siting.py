@@ -54,10 +54,13 @@ def test_y4m_of_a_plate_that_does_not_tell_says_what_readers_assume(tmp_path):
     assert b"C420mpeg2" in (tmp_path / "out.y4m").read_bytes()[:100]
 
 
-def test_centred_chroma_of_y4m_stays_centred_in_it(tmp_path):
-    copy(plate(tmp_path, "center", codec="libx264", pixel_format="yuv420p"), tmp_path / "in.y4m")
+@pytest.mark.parametrize("siting", ["left", "topleft", "center"])
+def test_siting_of_a_y4m_plate_is_read_and_kept(tmp_path, siting):
+    source = plate(tmp_path, siting, codec="libx264", pixel_format="yuv420p")
+    copy(source, tmp_path / "in.y4m")
+    assert siting_of(tmp_path / "in.y4m") == siting
     copy(tmp_path / "in.y4m", tmp_path / "out.y4m")
-    assert b"C420jpeg" in (tmp_path / "out.y4m").read_bytes()[:100]
+    assert siting_of(tmp_path / "out.y4m") == siting
 
 
 def test_jpeg_pictures_say_in_h264_that_their_chroma_is_centred(tmp_path):
