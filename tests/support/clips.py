@@ -44,12 +44,12 @@ def planes(frame):
 
 def write_clip(
     path, frames, *, codec="ffv1", pts=None, time_base=Fraction(1, 16000), audio=False, rotation=0,
-    mirrored=False, options=None, format_=None,
+    mirrored=False, options=None, format_=None, rate=25,
 ):  # fmt: skip
     """Encode frames with given pts; optionally AAC or another codec, and a display matrix."""
     pts = [index * 640 for index in range(len(frames))] if pts is None else pts
     with av.open(str(path), "w", format=format_) as out:
-        stream = out.add_stream(codec, 25, REPEATABLE.get(codec, {}) | (options or {}))
+        stream = out.add_stream(codec, rate, REPEATABLE.get(codec, {}) | (options or {}))
         stream.width, stream.height = frames[0].width, frames[0].height
         stream.pix_fmt = frames[0].format.name
         stream.time_base = stream.codec_context.time_base = time_base

@@ -16,7 +16,7 @@ from nlens_video.video.info import CopiedStream, FrameTags, Kind, SourceInfo, is
 from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
-from nlens_video.video.input.open import videos
+from nlens_video.video.input.open import InputHints, videos
 from nlens_video.video.input.packet_index import stated_frames
 from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
@@ -29,6 +29,8 @@ _FIELD_ORDERS = {2: "tt", 3: "bb", 4: "tb", 5: "bt"}
 """Names of FFmpeg's field orders; others are progressive or unknown."""
 _RATE_TOLERANCE = Fraction(1, 1000)
 _CLOCK = re.compile(r"(\d+):(\d\d):(\d\d\.?\d*)")
+_NO_TIME_STAMPS = 0x0080
+"""FFmpeg's flag of formats without time stamps: elementary streams."""
 _TS_DISCONT = 0x0200
 """FFmpeg's flag of formats whose clock may leap: MPEG-TS, MPEG program streams, HLS, Ogg."""
 
@@ -36,7 +38,7 @@ _TS_DISCONT = 0x0200
 def describe(
     spec: str, kind: Kind, container: av.container.InputContainer,
     stream: av.video.stream.VideoStream, first: av.VideoFrame, copied: tuple[Stream, ...],
-    transfer: str | None, covers: dict[int, bytes],
+    hints: InputHints, covers: dict[int, bytes],
 ) -> SourceInfo:  # fmt: skip
     """Properties of a source.
 
@@ -47,7 +49,7 @@ def describe(
         stream: the one that is composited on.
         first: its first frame.
         copied: the streams that are carried over.
-        transfer: name of a transfer function that overrides the tag.
+        hints: the user's options.
         covers: picture files of the covers (attached pictures), by the index of their stream.
 
     Raises:
@@ -58,8 +60,9 @@ def describe(
     if yuv and stream.codec.name == "tiff" and first.colorspace in (0, 2):
         first.colorspace = _BT601  # by the TIFF specification, whatever the size
     worked = AvPicture(first)
-    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=transfer)
-    rate = stream.average_rate or stream.guessed_rate or stream.base_rate
+    tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=hints.transfer)
+    untimed = bool(container.format.flags & _NO_TIME_STAMPS)
+    rate = _rate(stream, states_average=not untimed or hints.rate is not None)
     duration = _duration(stream, container)
     order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
     length = _own_length(stream) or duration
@@ -67,7 +70,8 @@ def describe(
     return SourceInfo(
         name=spec, kind=kind, width=worked.width, height=worked.height,
         orientation=worked.orientation, time_base=stream.time_base or Fraction(1, 1000),
-        average_rate=rate or None, steady=_is_steady(stream),
+        average_rate=rate,
+        steady=(untimed and first.pts is None) or _is_steady(stream, rate),
         frame_count=1 if kind == "still" else count,
         duration_s=duration, start_s=(first.pts or 0) * Fraction(first.time_base or 0),
         clocked=kind == "stream" or bool(container.format.flags & _TS_DISCONT),
@@ -87,7 +91,7 @@ def describe(
         camera_tags=camera_tags(spec, container, stream, first),
         notes=(
             *_chosen(container, stream), *_left_out(container, stream, copied),
-            *_untagged(stream, first, transfer), *_slanted(first),
+            *_untagged(stream, first, hints.transfer), *_slanted(first),
         ),
     )  # fmt: skip
 
@@ -116,12 +120,23 @@ def _is_written_anew(container: av.container.InputContainer, stream: Stream) -> 
     return chapters or "timecode" in stream.metadata
 
 
-def _is_steady(stream: av.video.stream.VideoStream) -> bool:
+def _rate(stream: av.video.stream.VideoStream, *, states_average: bool) -> Fraction | None:
+    """Frames per second, None where unknown [1/s].
+
+    Args:
+        stream: of the source.
+        states_average: whether the average is stated, or a default as of elementary streams.
+    """
+    average = stream.average_rate if states_average else None
+    return average or stream.guessed_rate or stream.base_rate or None
+
+
+def _is_steady(stream: av.video.stream.VideoStream, rate: Fraction | None) -> bool:
     """Whether the frame rate is constant, within the rounding of times to milliseconds."""
-    average, base = stream.average_rate, stream.base_rate
-    if not average or not base:
+    base = stream.base_rate
+    if not rate or not base:
         return False
-    return abs(average / base - 1) < _RATE_TOLERANCE
+    return abs(rate / base - 1) < _RATE_TOLERANCE
 
 
 def _copied(stream: Stream, covers: dict[int, bytes]) -> CopiedStream:

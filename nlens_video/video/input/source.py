@@ -129,7 +129,7 @@ class AvSource(Source):
                 raise InputError(explain_undecodable(spec, self._container, kind, codec, *declared))
             self._first = first
             info = describe(
-                spec, kind, self._container, stream, first, self._copied, hints.transfer,
+                spec, kind, self._container, stream, first, self._copied, hints,
                 self._covers,
             )  # fmt: skip
             # files whose rate varies may state a constant one
