@@ -44,9 +44,12 @@ def planes(frame):
 
 def write_clip(
     path, frames, *, codec="ffv1", pts=None, time_base=Fraction(1, 16000), audio=False, rotation=0,
-    mirrored=False, options=None, format_=None, rate=25,
+    mirrored=False, options=None, format_=None, rate=25, alpha=False,
 ):  # fmt: skip
-    """Encode frames with given pts; optionally AAC or another codec, and a display matrix."""
+    """Encode frames with given pts; optionally AAC or another codec, and a display matrix.
+
+    `alpha` says in WebM that the pictures have alpha.
+    """
     pts = [index * 640 for index in range(len(frames))] if pts is None else pts
     with av.open(str(path), "w", format=format_) as out:
         stream = out.add_stream(codec, rate, REPEATABLE.get(codec, {}) | (options or {}))
@@ -55,6 +58,8 @@ def write_clip(
         stream.time_base = stream.codec_context.time_base = time_base
         for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
             setattr(stream.codec_context, name, getattr(frames[0], name))
+        if alpha:
+            stream.metadata["alpha_mode"] = "1"
         if rotation or mirrored:
             stream.set_display_rotation(rotation, hflip=mirrored)
         if audio:

@@ -95,3 +95,15 @@ def test_what_a_given_transfer_function_replaces_stays_in_the_result(tmp_path):
     assert main([str(tmp_path / word) if "." in word else word for word in words] + more) == 0
     with av.open(str(tmp_path / "out.mkv")) as made:
         assert {frame.color_trc for frame in made.decode(video=0)} == {10}
+
+
+def test_vp9_with_alpha_keeps_the_tags_of_its_container(tmp_path):
+    frames = [noise_frame(64, 48, "yuva420p", seed) for seed in range(3)]
+    for frame in frames:
+        for name, number in (TAGS | {"color_trc": 14}).items():
+            setattr(frame, name, number)
+    path = write_clip(tmp_path / "in.webm", frames, codec="libvpx-vp9", alpha=True)
+    with open_source(str(path)) as source:
+        tags = source.info.frame_tags
+        assert source.info.pixel_format == "yuva420p"
+    assert (tags.colorspace, tags.color_primaries, tags.color_trc) == (9, 9, 14)

@@ -152,6 +152,8 @@ def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:
     if not isinstance(context, VideoCodecContext):
         return own
     context.extradata = own.extradata
+    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
+        setattr(context, name, getattr(own, name))  # as the container states them
     return context
 
 
