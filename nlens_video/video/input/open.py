@@ -11,6 +11,7 @@ from typing import BinaryIO
 import av
 import av.container
 import av.video.stream
+from av.codec.context import Flags
 from av.stream import Disposition
 from av.video.codeccontext import VideoCodecContext
 
@@ -144,6 +145,12 @@ def _standing(stream: av.video.stream.VideoStream) -> tuple[bool, int]:
 
 def decoder_of(stream: av.video.stream.VideoStream) -> VideoCodecContext:
     """Decoder of a stream: FFmpeg's default, or for VP8 and VP9 with alpha one that reads it."""
+    context = _decoder(stream)
+    context.flags |= Flags.unaligned  # else cropping at the left leaves some hidden columns
+    return context
+
+
+def _decoder(stream: av.video.stream.VideoStream) -> VideoCodecContext:
     own = stream.codec_context
     alpha = "1" in (value for key, value in stream.metadata.items() if key.lower() == "alpha_mode")
     if not alpha or own.name not in _WITH_ALPHA:
