@@ -1,4 +1,4 @@
-"""Repair of irregular sources: time stamps, frames of another form, truncated files."""
+"""Repair of irregular sources: time stamps, damaged and truncated files."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from av.video.stream import VideoStream
 
 from nlens_video.video.info import Packet, SourceInfo, is_cover
 from nlens_video.video.input.open import DECODER
-from nlens_video.video.pixels.pixel_formats import converted, resized
-from nlens_video.video.pixels.samples import frame_tags
 
 BACK_S = 1
 """Time stamps that step back by more restart, as in concatenated recordings [s]."""
@@ -195,43 +193,6 @@ def salvaged(stream: VideoStream, packet: Packet | None) -> list[av.VideoFrame]:
         return decoder.decode(packet)
     except av.FFmpegError:
         return []
-
-
-class Conform:
-    """Converts every frame to the size and pixel format of the first.
-
-    Args:
-        first: the source's first frame.
-    """
-
-    def __init__(self, first: av.VideoFrame) -> None:
-        self._changed = 0
-        self._size = (first.width, first.height)
-        self._format = first.format.name
-        self._example = ""
-
-    def __call__(self, frame: av.VideoFrame, index: int) -> av.VideoFrame:
-        """The frame, or a converted copy."""
-        size, name = (frame.width, frame.height), frame.format.name
-        if (size, name) == (self._size, self._format):
-            return frame
-        self._changed += 1
-        self._example = self._example or f"from frame {index} on, {size[0]}x{size[1]} {name}"
-        made = frame if size == self._size else resized(frame, *self._size)
-        if name != self._format:
-            made = converted(made, self._format, frame_tags(frame))
-        made.pts, made.time_base, made.duration = frame.pts, frame.time_base, frame.duration
-        return made
-
-    def notes(self) -> tuple[str, ...]:
-        """A note on converted frames."""
-        if not self._changed:
-            return ()
-        width, height = self._size
-        return (
-            f"{self._changed} frames had another form ({self._example}) and were converted to "
-            f"{width}x{height} {self._format}",
-        )
 
 
 class Completeness:

@@ -13,8 +13,8 @@ from nlens_video.core.errors import InputError, UsageError
 from nlens_video.kernels.thread_pool import processors
 from nlens_video.video.exr import ExrSource
 from nlens_video.video.info import Packet, SourceFrame, is_cover
+from nlens_video.video.input.changed_frames import Conform, LateFields
 from nlens_video.video.input.last_frames import Delivery, frames_after
-from nlens_video.video.input.late_fields import LateFields
 from nlens_video.video.input.lost_connections import Reads, explain_lost, why_lost
 from nlens_video.video.input.open import (
     DECODER,
@@ -28,7 +28,7 @@ from nlens_video.video.input.open import (
 from nlens_video.video.input.packet_index import frame_time
 from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
-from nlens_video.video.input.repair import Completeness, Conform, Damage, SourceClock, salvaged
+from nlens_video.video.input.repair import Completeness, Damage, SourceClock, salvaged
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import AvPicture
 
@@ -136,7 +136,7 @@ class AvSource(Source):
             known = partial(frame_time, spec, hints, info.time_base) if self._is_file else None
             self.info = replace(info, frame_time=known)
             self._clock = SourceClock(self.info)
-            self._conform = Conform(first)
+            self._conform = Conform(first, self.info, self._decoder.sample_aspect_ratio)
             self._late_fields = LateFields(self.info)
         except BaseException:
             self._container.close()
@@ -157,7 +157,7 @@ class AvSource(Source):
         self._pass_on()
         while frame is not None:
             self._late_fields.see(frame, index)
-            frame = self._conform(frame, index)
+            frame = self._conform(frame, index, self._decoder.sample_aspect_ratio)
             if frame.pts is not None:
                 if self._damage.is_near(last, frame.pts, clock.step):
                     lost += clock.missing_before(frame.pts)

@@ -60,6 +60,9 @@ _SWS = (
     | Interpolation.FULL_CHR_H_INP
 )
 
+_BT601 = 5
+"""Number of the matrix that libswscale converts into; as a target it does not know 6."""
+
 WORKING_FORMATS = {
     **dict.fromkeys(("nv12", "nv21"), "yuv420p"),
     **dict.fromkeys(("nv16", "yuyv422", "uyvy422", "yvyu422"), "yuv422p"),
@@ -189,6 +192,20 @@ def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
     return result
 
 
+def recoded(frame: av.VideoFrame, was: ColorTags, becomes: ColorTags) -> av.VideoFrame:
+    """The frame, of YUV, in the codes of another matrix and range; its tags are to be set."""
+    matrices = {name: number for number, name in MATRICES.items()} | {"smpte170m": _BT601}
+    name, full = frame.format.name, FULL_RANGE
+    plain = name.replace("yuvj", "yuv")
+    if plain != name:  # libswscale takes yuvj for full range, whatever it is told
+        frame = frame.reformat(format=plain, src_color_range=full, dst_color_range=full)
+    return frame.reformat(
+        format=name, src_colorspace=matrices[was.matrix], dst_colorspace=matrices[becomes.matrix],
+        src_color_range=full if was.full_range else 1,
+        dst_color_range=full if becomes.full_range else 1, interpolation=_SWS,
+    )  # fmt: skip
+
+
 def copy_colour_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
     """Copy the colour tags of a frame to one that was made from it."""
     for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
@@ -244,7 +261,7 @@ def converted(
     if to_yuv or becomes:
         result.color_range = FULL_RANGE if becomes or jpeg else 1
     else:
-        result.color_range = 1 if limited else frame.color_range
+        result.color_range = 1 if limited else FULL_RANGE if jpeg else frame.color_range
     result.pts, result.duration = frame.pts, frame.duration
     if frame.time_base is not None:
         result.time_base = frame.time_base
