@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from fractions import Fraction
+from heapq import heappop, heappush
 
 import av
 import av.container
@@ -128,6 +129,37 @@ class SourceClock:
             f"{self.repaired} {frames} without a time stamp that makes sense: "
             "each follows the last",
         )
+
+
+class Durations:
+    """How long frames last.
+
+    MP4 states the time until the next picture is decoded, not shown: of pictures in another order
+    a gap belongs to another one. A frame ends where one follows that was read, or with the stream.
+
+    Args:
+        stream: the source's video.
+    """
+
+    def __init__(self, stream: VideoStream) -> None:
+        self._ahead: list[int] = []
+        length = stream.duration
+        self._end = None if length is None else (stream.start_time or 0) + length
+
+    def read(self, packet: Packet) -> None:
+        """Note a packet before it is decoded."""
+        if packet.pts is not None and not packet.is_discard:
+            heappush(self._ahead, packet.pts)
+
+    def of(self, frame: av.VideoFrame) -> int:
+        """Duration of a decoded frame, in the order of display; 0 where unknown [ticks]."""
+        stated, pts = frame.duration or 0, frame.pts
+        if pts is None:
+            return stated
+        while self._ahead and self._ahead[0] <= pts:
+            heappop(self._ahead)
+        ends = [self._end, *self._ahead[:1]]
+        return min([stated, *(end - pts for end in ends if end is not None and end > pts)])
 
 
 class Damage:

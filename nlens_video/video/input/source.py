@@ -28,7 +28,7 @@ from nlens_video.video.input.open import (
 from nlens_video.video.input.packet_index import frame_time
 from nlens_video.video.input.passed_packets import PassedPackets
 from nlens_video.video.input.probe import copied_streams, describe
-from nlens_video.video.input.repair import Completeness, Damage, SourceClock, salvaged
+from nlens_video.video.input.repair import Completeness, Damage, Durations, SourceClock, salvaged
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import AvPicture
 
@@ -119,6 +119,7 @@ class AvSource(Source):
             # other decoders refuse damaged pictures, or (TIFF) are strict about whole ones
             self._salvages = kind in ("still", "sequence") and stream.codec.name == "mjpeg"
             self._decoder.options = STRICT if self._salvages else DECODER
+            self._durations = Durations(stream)
             declared = (stream.codec_context.width, stream.codec_context.height)
             self._decoded = self._decode()
             first = next(self._decoded, None)
@@ -157,6 +158,7 @@ class AvSource(Source):
         self._pass_on()
         while frame is not None:
             self._late_fields.see(frame, index)
+            duration = self._durations.of(frame)
             frame = self._conform(frame, index, self._decoder.sample_aspect_ratio)
             if frame.pts is not None:
                 if self._damage.is_near(last, frame.pts, clock.step):
@@ -170,7 +172,7 @@ class AvSource(Source):
             )  # fmt: skip
             yield SourceFrame(
                 index=index, pts=pts, time_base=clock.time_base, time_s=clock.seconds(pts),
-                duration=frame.duration or 0, picture=picture, lost=lost,
+                duration=duration, picture=picture, lost=lost,
             )  # fmt: skip
             index += 1
             frame = next(self._decoded, None)
@@ -224,6 +226,7 @@ class AvSource(Source):
                 continue
             if packet is not None:
                 self._passed.see(packet)
+                self._durations.read(packet)
                 self._damage.read(packet)
                 delivery.send(packet)
             try:
