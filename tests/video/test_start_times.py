@@ -14,13 +14,15 @@ BLOCK = 1920
 """Samples of sound for one picture [1]."""
 
 
-def write_flash_and_beep(path, *, pictures_s=0, sound_s=0, codec="mp2", options=None, packet=0):
+def write_flash_and_beep(
+    path, *, pictures_s=0, sound_s=0, codec="mp2", options=None, packet=0, pictures="mpeg4"
+):  # fmt: skip
     """Two seconds: bright and loud from 1 s on; each stream begins at its time on that clock.
 
     Packets of sound have as many samples as the encoder likes, or as `packet` says.
     """
     with av.open(str(path), "w", container_options=options or {}) as out:
-        video = out.add_stream("mpeg4", 25)
+        video = out.add_stream(pictures, 25)
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         sound = out.add_stream(codec, RATE, layout="mono")
         kind = sound.codec_context.codec.audio_formats[0].name
@@ -140,6 +142,27 @@ def test_mpeg_ts_keeps_the_clock_of_a_broadcast(tmp_path):
     out = tmp_path / "out.ts"
     assert not any("times begin" in note for note in copy(plate, out))
     assert read_times(out) == read_times(plate)
+
+
+@pytest.mark.parametrize("pictures", ["mpeg4", "libx264"])
+@pytest.mark.parametrize("ending", ["mp4", "mov", "mkv", "ts", "avi"])
+def test_pictures_before_0_in_matroska_keep_their_times_and_their_sound(tmp_path, ending, pictures):
+    """FFmpeg gives no time stamps before 0 to H.264, whose pictures are in another order."""
+    options = {"output_ts_offset": "-0.5", "avoid_negative_ts": "disabled"}
+    plate, out = tmp_path / "in.mkv", tmp_path / f"out.{ending}"
+    write_flash_and_beep(plate, options=options, pictures=pictures)
+    with open_source(str(plate)) as source:
+        frames = [(frame.pts, frame.time_s) for frame in source]
+    assert frames == [(40 * index - 500, pytest.approx(index / 25)) for index in range(50)]
+    notes = copy(plate, out)
+    times = read_times(out)
+    assert len(times) == 50 and 0 <= times[0] < 0.1
+    assert [float(time - times[0]) for time in times] == pytest.approx(
+        [index / 25 for index in range(50)], abs=0.001
+    )
+    flash, beep = flash_and_beep(out)
+    assert beep == pytest.approx(flash, abs=0.05)
+    assert "times begin at 0: the plate begins 0.5" in " ".join(notes)
 
 
 def test_the_animation_begins_with_the_first_frame_of_a_broadcast(tmp_path):

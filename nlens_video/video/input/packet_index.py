@@ -23,6 +23,8 @@ _ONE_FRAME_A_PACKET = frozenset((
 _REORDERED = 64
 """Generous limit of the reordering delay: packets from decoding to display order [1]."""
 Packet: TypeAlias = "av.Packet[VideoStream]"
+_MOST_UNSTAMPED = 4096
+"""Packets without a time stamp after which no stamped one is looked for [1]."""
 _IDR, _SLICES = 5, range(1, 6)
 """H.264 NAL unit types: IDR slice, slices of any kind."""
 
@@ -102,6 +104,39 @@ def index_until(spec: str, hints: InputHints, number: int) -> PacketIndex | None
         except av.FFmpegError as error:
             raise InputError(f"{spec}: cannot be read ({error.strerror})") from error
     return _checked(times, keys, number)
+
+
+def start_before_zero(spec: str, hints: InputHints, rate: Fraction) -> int | None:
+    """Time of the first frame of Matroska whose first packets have no time stamps [ticks].
+
+    FFmpeg leaves out those before 0. None where there is no later one to count back from, and in
+    other containers.
+
+    Args:
+        spec: a file.
+        hints: the user's options.
+        rate: of the frames [1/s].
+
+    Raises:
+        InputError: the file cannot be opened.
+    """
+    container, _ = open_container(spec, hints)
+    with container:
+        stream = video_stream(container, spec)
+        if "matroska" not in container.format.name or stream.codec.name not in _ONE_FRAME_A_PACKET:
+            return None
+        times: list[int] = []
+        unstamped = 0
+        try:
+            for packet in container.demux(stream):
+                if not packet.size or len(times) > _REORDERED or unstamped > _MOST_UNSTAMPED:
+                    break
+                unstamped += packet.pts is None
+                times += [] if packet.pts is None else [packet.pts]
+        except av.FFmpegError:
+            return None
+        ticks = stream.time_base or Fraction(1, 1000)
+        return min(times) - round(unstamped / rate / ticks) if times else None
 
 
 def frame_time(spec: str, hints: InputHints, time_base: Fraction, number: int) -> Fraction | None:

@@ -17,7 +17,7 @@ from nlens_video.video.input.camera_tags import camera_tags
 from nlens_video.video.input.chroma_siting import chroma_siting
 from nlens_video.video.input.lossless import is_lossless
 from nlens_video.video.input.open import InputHints, videos
-from nlens_video.video.input.packet_index import stated_frames
+from nlens_video.video.input.packet_index import start_before_zero, stated_frames
 from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
@@ -63,6 +63,8 @@ def describe(
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=hints.transfer)
     untimed = bool(container.format.flags & _NO_TIME_STAMPS)
     rate = _rate(stream, states_average=not untimed or hints.rate is not None)
+    if first.pts is None and kind == "video" and not untimed:
+        first.pts = start_before_zero(spec, hints, rate or Fraction(25))
     duration = _duration(stream, container)
     order = _FIELD_ORDERS.get(stream.codec_context.field_order, "")
     length = _own_length(stream) or duration

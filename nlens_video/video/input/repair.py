@@ -49,11 +49,13 @@ class SourceClock:
         self.time_base = info.time_base
         self.repaired = self.frames = 0
         self.offsets: list[int] = []
-        self.step = max(1, round(1 / (info.average_rate or 25) / info.time_base))
+        self._exact_step = 1 / (info.average_rate or 25) / info.time_base
+        self.step = max(1, round(self._exact_step))
         self._length_s = info.duration_s
         self._shift = self._surplus = 0
         self._first: int | None = None
-        self._last = 0
+        self._last = self._stamped = 0
+        self._unstamped = 0  # frames since the last one with a time stamp
 
     def tick(self, pts: int | None) -> int:
         """The frame's pts, later than that of the frame before [ticks]."""
@@ -63,13 +65,17 @@ class SourceClock:
             self._first = self._last = pts or 0
         else:
             self._last = self._after(pts)
+        if pts is not None:
+            self._stamped, self._unstamped = self._last, 0
         return self._last
 
     def _after(self, pts: int | None) -> int:
         following = self._last + self.step
         if pts is None:
             self.repaired += 1
-            return following
+            self._unstamped += 1
+            since = round(self._unstamped * self._exact_step)
+            return max(self._stamped + since, self._last + 1)
         if self._fits_unshifted(pts):
             self._shift = 0
             self.offsets = []

@@ -46,19 +46,21 @@ class Start:
             padded = container in _PADDED and ahead_s >= frame_s
             frames = round(ahead_s / frame_s) if padded else 0
             return cls(info.start_s - frames * frame_s)
-        return cls(earliest) if info.clocked and container not in _CLOCKED else cls()
+        # containers hold no pictures before 0, or readers leave them out
+        clocked = info.clocked and container not in _CLOCKED
+        return cls(earliest) if clocked or info.start_s < 0 else cls()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """A note where times differ from the plate's."""
         if abs(self.origin_s) < SEEN_S:
             return ()
-        return (
-            Note(
-                f"times begin at 0: {float(self.origin_s):.3f} s of the plate's clock are left out",
-                NoteKind.INFORMATION,
-            ),
+        begins = (
+            f"{float(self.origin_s):.3f} s of the plate's clock are left out"
+            if self.origin_s > 0
+            else f"the plate begins {-float(self.origin_s):.3f} s before that"
         )
+        return (Note(f"times begin at 0: {begins}", NoteKind.INFORMATION),)
 
     def info(self, info: SourceInfo) -> SourceInfo:
         """The plate's properties in the result's time."""
