@@ -11,6 +11,7 @@ import av
 from av.video.stream import VideoStream
 
 from nlens_video.video.info import SourceFrame, SourceInfo
+from nlens_video.video.times.start import begins_at_zero
 
 _LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
 _LONGEST_GAP_S = 3600
@@ -62,7 +63,10 @@ class EncoderClock:
 
 
 class FixedRateClock(EncoderClock):
-    """Times of an encoder that needs a fixed rate; its packets get the source's times back."""
+    """Times of an encoder that needs a fixed rate; its packets get the source's times back.
+
+    Containers that count pictures keep the steps of the rate.
+    """
 
     def __init__(self, info: SourceInfo, rate: Fraction) -> None:
         super().__init__(info)
@@ -70,12 +74,18 @@ class FixedRateClock(EncoderClock):
         self._source = info.time_base
         self._first: int | None = None
         self._last = -1
+        self._latest = 0
+        self._least = round(self.time_base / self._source / 2)
+        self._own: dict[int, int] = {}  # the source's times of the steps that may still come
 
     def stamp(self, encoded: av.VideoFrame, frame: SourceFrame) -> None:
         """Set the time of a frame to the nearest free step of the rate."""
         if self._first is None:
-            self._first = frame.pts
+            self._first, self._latest = frame.pts, frame.pts - self._least
         self._last = max(self._step(frame), self._last + 1)
+        # apart by more than a tick of any container
+        self._latest = max(frame.pts, self._latest + self._least)
+        self._own[self._last] = self._latest
         encoded.pts, encoded.time_base, encoded.duration = self._last, self.time_base, 1
 
     def _step(self, frame: SourceFrame) -> int:
@@ -83,15 +93,22 @@ class FixedRateClock(EncoderClock):
         return round((frame.pts - first) * self._source / self.time_base)
 
     def retimed(self, packets: Packets) -> Packets:
-        """The packets, in place, counted from the first frame's pts."""
+        """The packets, in place, at the source's times, or counted from the first frame's."""
         for packet in packets:
-            scale = self.time_base / self._source
-            first = self._first or 0
-            packet.pts = None if packet.pts is None else first + round(packet.pts * scale)
-            packet.dts = None if packet.dts is None else first + round(packet.dts * scale)
-            packet.duration = round(scale)
+            if packet.dts is not None:  # no later packet goes back behind it
+                self._own = {step: own for step, own in self._own.items() if step >= packet.dts}
+            counted = begins_at_zero(packet.stream.container.format.name)
+            own = {} if counted else self._own
+            packet.pts = None if packet.pts is None else self._time(packet.pts, own)
+            packet.dts = None if packet.dts is None else self._time(packet.dts, own)
+            packet.duration = round(self.time_base / self._source)
             packet.time_base = self._source
         return packets
+
+    def _time(self, step: int, own: dict[int, int]) -> int:
+        """Time of a step, which before the first frame is no picture's own."""
+        counted = (self._first or 0) + round(step * self.time_base / self._source)
+        return own.get(step, counted)
 
 
 class CountingClock(FixedRateClock):
