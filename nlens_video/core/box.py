@@ -58,7 +58,7 @@ class Box:
         """The box with `margin` more pixels on every side [px]."""
         return Box(self.x0 - margin, self.y0 - margin, self.x1 + margin, self.y1 + margin)
 
-    def moved(self, columns: int, rows: int) -> Box:
+    def translated(self, columns: int, rows: int) -> Box:
         """The box so many pixels farther to the right and down [px]."""
         return Box(self.x0 + columns, self.y0 + rows, self.x1 + columns, self.y1 + rows)
 

@@ -74,7 +74,7 @@ def lens_beyond(lens: ReblurLayer, frame: Box, box: Box) -> ReblurLayer:
     """
 
     def scatter(rgba: Float32, coc_px: Float32, *, pixel_aspect: float, frame: Box) -> Float32:
-        own = whole.moved(frame.x0 - box.x0, frame.y0 - box.y0)
+        own = whole.translated(frame.x0 - box.x0, frame.y0 - box.y0)
         return lens.scatter(rgba, coc_px, pixel_aspect=pixel_aspect, frame=own)
 
     whole = frame

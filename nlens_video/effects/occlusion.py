@@ -199,7 +199,7 @@ class CoverageFromDepth:
         coc = np.pad(coc_px[inside.slices_in(frame)], beyond, mode="edge")
         rgba = np.zeros((*mask.shape, 4), np.float32)
         rgba[..., 3] = mask
-        seen = frame.moved(-wide.x0, -wide.y0)
+        seen = frame.translated(-wide.x0, -wide.y0)
         blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
         out[region.slices_in(frame)] = blurred[region.slices_in(wide)][..., 3]
         return np.minimum(out, np.float32(1.0))

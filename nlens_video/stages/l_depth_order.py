@@ -206,7 +206,7 @@ class RepairDepthOrder:
         if steps is None or blurred.box.empty:
             return blurred
         doubt = None if hidden is None else cut_share(rgba, coc, steps, hidden)
-        reached = Box.of(steps.inside_px > 0.0).moved(whole.x0, whole.y0)
+        reached = Box.of(steps.inside_px > 0.0).translated(whole.x0, whole.y0)
         reached = reached.intersection(blurred.box.expanded(HALO_PX))
         touched = reached.intersection(blurred.box)
         if touched.empty:

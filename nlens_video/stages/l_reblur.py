@@ -78,7 +78,7 @@ def depth_peel(
     # only what has a CoC of a step above the least can hide anything
     least = fit.coc_px(np.array([1.0 / farthest], np.float32))[0] + np.float32(STEP_PX)
     near = (layer.rgba[..., 3] > 0) & (defocused.coc_px >= least)
-    region = Box.of(near).moved(layer.box.x0, layer.box.y0)
+    region = Box.of(near).translated(layer.box.x0, layer.box.y0)
     seen = None
     if not region.empty:
         seen = renderer.render_behind(layer, region, STEP_PX / fit.slope)
@@ -122,7 +122,7 @@ class ReblurLayer:
         wide = layer.box.expanded(margin)
         rgba = np.pad(layer.rgba, ((margin, margin), (margin, margin), (0, 0)))
         coc = np.pad(defocused.coc_px, margin)
-        seen = frame.moved(-wide.x0, -wide.y0)
+        seen = frame.translated(-wide.x0, -wide.y0)
         blurred = self.scatter(rgba, coc, pixel_aspect=self.pixel_aspect, frame=seen)
         box = wide.intersection(frame)
         if box.empty:

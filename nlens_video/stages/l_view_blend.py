@@ -109,7 +109,7 @@ class SampleSmallDiscs:
 
         def blur(at: int, layer: ObjectLayer | None) -> None:
             if layer is not None:
-                moved = replace(layer, box=layer.box.moved(region.x0, region.y0))
+                moved = replace(layer, box=layer.box.translated(region.x0, region.y0))
                 view = object_coc(moved, setup.fit)
                 parts[away[at]] = self._blurred(view, radii[away[at]], box)
 
@@ -134,7 +134,7 @@ class SampleSmallDiscs:
         def rows(band: Band) -> None:
             part = Box(box.x0, box.y0 + band[0], box.x1, box.y0 + band[1])
             out[band[0] : band[1]] = gather_subaperture(
-                view.layer.rgba, covered, coc, part.moved(-at.x0, -at.y0),
+                view.layer.rgba, covered, coc, part.translated(-at.x0, -at.y0),
                 pixel_aspect=self.pixel_aspect,
             )  # fmt: skip
 
@@ -159,7 +159,7 @@ def share_of_views(defocused: DefocusedLayer, frame: Box) -> tuple[Box, Float32]
     covered = defocused.layer.rgba[..., 3] > 0.0
     found = Box.of(covered & (size < LARGE_COC_PX))
     held = defocused.layer.box
-    box = found.moved(held.x0, held.y0).expanded(math.ceil(LARGE_COC_PX)).intersection(frame)
+    box = found.translated(held.x0, held.y0).expanded(math.ceil(LARGE_COC_PX)).intersection(frame)
     if found.empty or box.empty:
         return Box(0, 0, 0, 0), np.zeros((0, 0), np.float32)
     large = np.clip((size - SMALL_COC_PX) / (LARGE_COC_PX - SMALL_COC_PX), 0.0, 1.0)

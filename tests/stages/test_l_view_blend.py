@@ -170,8 +170,8 @@ def test_views_do_not_depend_on_the_frame_around_the_object(see):
     part = SampleSmallDiscs(renderer=seen.renderer)(
         object_coc(layer, FIT), replace(seen.shot, camera=camera, frame=smaller)
     )
-    common = part.box.intersection(views.box.moved(-40, -8))
-    there = views.rgba[common.slices_in(views.box.moved(-40, -8))]
+    common = part.box.intersection(views.box.translated(-40, -8))
+    there = views.rgba[common.slices_in(views.box.translated(-40, -8))]
     assert common.height > 100
     assert part.rgba[common.slices_in(part.box)] == pytest.approx(there, abs=2e-4)
 

@@ -114,4 +114,4 @@ def _dark_box(darkening: BlurredLayer) -> Box:
         return darkening.box
     lost = (cv2.extractChannel(darkening.rgba, 3) > _LEAST_LOSS).astype(np.uint8)
     x, y, width, height = cv2.boundingRect(lost)
-    return Box(x, y, x + width, y + height).moved(darkening.box.x0, darkening.box.y0)
+    return Box(x, y, x + width, y + height).translated(darkening.box.x0, darkening.box.y0)

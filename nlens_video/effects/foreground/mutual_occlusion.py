@@ -79,12 +79,14 @@ def localize(
         for number, one in enumerate(targets):
             reach, scores = limit or _search_px(one.predicted), {}
             for shift in range(shifts[number] - reach, shifts[number] + reach + 1, step):
-                moved = one.appearance.coverage(one.predicted.moved(shift, 0), window)
+                moved = one.appearance.coverage(one.predicted.translated(shift, 0), window)
                 others = [*covers[:number], moved, *covers[number + 1 :]]
                 error = shift / (_PREDICTION_SIGMA * one.predicted.height + 1.0)
                 scores[shift] = _log_likelihood(others, colours, inside) - 0.5 * error * error
             shifts[number] = max(scores, key=lambda shift: (scores[shift], -abs(shift)))
-            covers[number] = one.appearance.coverage(one.predicted.moved(shifts[number], 0), window)
+            covers[number] = one.appearance.coverage(
+                one.predicted.translated(shifts[number], 0), window
+            )
     whole = _log_likelihood(covers, colours, inside)
     found, visible = list[Localization](), np.ones(inside.shape, np.float32)
     for number, (one, cover) in enumerate(zip(targets, covers, strict=True)):
@@ -92,7 +94,7 @@ def localize(
         visible = visible * (1.0 - cover)
         others = covers[:number] + covers[number + 1 :]
         without = _log_likelihood(others, colours[:number] + colours[number + 1 :], inside)
-        box = one.predicted.moved(shifts[number], 0)
+        box = one.predicted.translated(shifts[number], 0)
         found.append(Localization(box, visibility, whole - without))
     return found
 

@@ -253,7 +253,7 @@ class ApplyShadow:
             target = box.expanded(margin).intersection(frame)
             if target.empty:
                 return BlurredLayer.nothing()
-            there = target.moved(-box.x0, -box.y0)
+            there = target.translated(-box.x0, -box.y0)
             return BlurredLayer(box=target, rgba=blur_plane(shadow.loss, plane, there, aspect))
         rgba: Float32 = np.asarray(cv2.transform(shadow.loss, _WITH_MEAN), dtype=np.float32)
         layer = ObjectLayer(box=box, rgba=rgba, depth=np.ones(rgba.shape[:2], np.float32))

@@ -191,7 +191,7 @@ class _Share:
         """The part of the frame in which it is not 0."""
         box, step = self.grid.box, self.grid.step
         found = Box.of(self.hidden > 0.0)
-        return found if found.empty else scaled(found, step).moved(box.x0, box.y0)
+        return found if found.empty else scaled(found, step).translated(box.x0, box.y0)
 
     def on(self, grid: Grid) -> Float32:
         """The same on another grid, 0 where it is not known."""

@@ -164,7 +164,7 @@ def _merged(on_plane: Shadow | None, patch: _Patch, camera: Camera) -> Shadow | 
     if not dark.any():
         return None
     step = coarsest_step(float(np.abs(coc[dark]).min()))
-    grid = Grid.on(Box.of(dark).moved(box.x0, box.y0), step)
+    grid = Grid.on(Box.of(dark).translated(box.x0, box.y0), step)
     loss, coc = (_meaned(values, box, grid) for values in (loss, coc))
     return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step, on_things=True)
 

@@ -189,7 +189,7 @@ class RenderedObject(ObjectSource):
         """As of `ObjectSource`."""
         camera = bounds.camera.cropped(box)
         layer = self.renderer.render(bounds.time_s, camera, plate_light=bounds.plate_light)
-        return layer and replace(layer, box=layer.box.moved(box.x0, box.y0))
+        return layer and replace(layer, box=layer.box.translated(box.x0, box.y0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
