@@ -28,7 +28,7 @@ from nlens_video.studio.objects import object_files
 from nlens_video.studio.open_plate import MOST_PX
 from nlens_video.studio.plate_frames import PlateFrames, to_jpeg
 from nlens_video.studio.previews import KINDS, Answer, Previews, Wish
-from nlens_video.studio.render_job import RenderJob
+from nlens_video.studio.render_job import RenderJob, ResultExistsError
 from nlens_video.studio.shot_state import ShotChangedError, ShotState
 from nlens_video.studio.stage import Solve, Stage
 
@@ -126,11 +126,11 @@ class Studio:
         })  # fmt: skip
 
     async def _save(self, request: Request) -> Response:
-        return JSONResponse({"revision": await self._saved(request)})
+        return JSONResponse({"revision": await self._saved(await _tables(request), request)})
 
-    async def _saved(self, request: Request) -> str:
+    async def _saved(self, tables: dict[str, Any], request: Request) -> str:
         """Save the shot unless its file has another revision than the one given; the new one."""
-        tables, revision = await _tables(request), request.query_params.get("revision")
+        revision = request.query_params.get("revision")
         return await run_in_threadpool(self._shot.save, tables, revision)
 
     async def _command(self, request: Request) -> Response:
@@ -155,12 +155,16 @@ class Studio:
             await run_in_threadpool(self.render.cancel)
             return JSONResponse({})
         self.render.check_free()
-        revision = await self._saved(request)
-        self.render.start(self._shot.path)
+        tables = await _tables(request)
+        target = self._shot.result(tables)
+        if target is not None and "replace" not in request.query_params:
+            await run_in_threadpool(self.render.check_target, target)
+        revision = await self._saved(tables, request)
+        self.render.start(self._shot.path, target)
         return JSONResponse({"revision": revision})
 
     async def _result(self, request: Request) -> Response:
-        path = self._shot.result(self._shot.tables)
+        path = self.render.result
         if path is None or not path.is_file():
             return PlainTextResponse("There is no result yet.\n", 404)
         return FileResponse(path)
@@ -206,8 +210,9 @@ def _telling(endpoint: Endpoint) -> Endpoint:
         try:
             return await endpoint(request)
         except NlensError as error:
-            status = 409 if isinstance(error, ShotChangedError) else 422
-            return JSONResponse({"error": str(error)}, status)
+            kinds = (("shot", ShotChangedError), ("result", ResultExistsError))
+            holds = next((name for name, kind in kinds if isinstance(error, kind)), "")
+            return JSONResponse({"error": str(error), "holds": holds}, 409 if holds else 422)
 
     return answered
 

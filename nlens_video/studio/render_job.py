@@ -12,11 +12,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from nlens_video.core.errors import UsageError
+from nlens_video.core.errors import OutputError, UsageError
 
 _PATIENCE_S = 10.0
 _COMPLETE = re.compile(r"interrupted; (.*) is complete")
 Tell = Callable[[dict[str, Any]], None]
+
+
+class ResultExistsError(OutputError):
+    """The file of the result is there, and no render of this studio has written it."""
 
 
 class RenderJob:
@@ -32,11 +36,27 @@ class RenderJob:
         self._gate = threading.Lock()
         self._cancelled = False
         self._last: dict[str, Any] = {"render": "none"}
+        self._target: Path | None = None
+        self._written: dict[Path, tuple[int, int]] = {}  # results, as they were left
 
     @property
     def last(self) -> dict[str, Any]:
         """What was told last."""
         return self._last
+
+    @property
+    def result(self) -> Path | None:
+        """The file that the last render has written; None where it ended without."""
+        return self._target if self._last["render"] == "done" else None
+
+    def check_target(self, target: Path) -> None:
+        """Check that a result replaces nothing but what a render of this studio has written.
+
+        Raises:
+            ResultExistsError: it would.
+        """
+        if target.exists() and self._written.get(target) != _state(target):
+            raise ResultExistsError(f"{target.name} exists, and this studio has not rendered it")
 
     def check_free(self) -> None:
         """Check that none runs.
@@ -47,15 +67,19 @@ class RenderJob:
         if self._process is not None:
             raise UsageError("the shot is being rendered already")
 
-    def start(self, shot: Path) -> None:
+    def start(self, shot: Path, target: Path | None) -> None:
         """Start `nlens-video SHOT.toml`.
+
+        Args:
+            shot: the file.
+            target: the file of its result, which is replaced; None where that is no file.
 
         Raises:
             UsageError: it runs already.
         """
         with self._gate:
             self.check_free()
-            self._cancelled = False
+            self._cancelled, self._target = False, target
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "nlens_video", str(shot), "-y", "--json",
                  "--progress-lines"],
@@ -104,9 +128,12 @@ class RenderJob:
         code = process.wait()
         with self._gate:
             self._process = None
+        complete = _COMPLETE.fullmatch(said)  # interrupted too late
+        if (code == 0 or complete) and self._target is not None and self._target.is_file():
+            self._written[self._target] = _state(self._target)
         if code == 0:
             self._say({"render": "done", **_result(results[0])})
-        elif complete := _COMPLETE.fullmatch(said):  # interrupted too late
+        elif complete:
             self._say({"render": "done", "output": complete[1], "frames": 0, "notes": []})
         elif self._cancelled:
             self._say({"render": "cancelled"})
@@ -116,6 +143,12 @@ class RenderJob:
     def _say(self, said: dict[str, Any]) -> None:
         self._last = said
         self._tell(said)
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """Time of its last change [ns] and size [bytes]."""
+    now = path.stat()
+    return now.st_mtime_ns, now.st_size
 
 
 def _progress(line: str) -> dict[str, Any] | None:

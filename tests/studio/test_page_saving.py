@@ -5,7 +5,7 @@ import json
 import tomllib
 
 import pytest
-from support.studio import TABLES, running, shown, write_shot
+from support.studio import TABLES, WAIT_MS, running, shown, write_shot
 from support.studio_page import at_rest, saved
 
 from nlens_video.studio.shot_state import ShotChangedError, ShotState
@@ -69,6 +69,18 @@ def test_second_page_reloads_or_overwrites_what_the_first_has_saved(browser, tmp
         first.get_by_text("· saved", exact=True).wait_for()
         assert place_of(shot) == {"at": [0.2, 0.8], "size": 0.25, "yaw": 0}
         assert first_refused.is_hidden()
+
+
+def test_page_asks_before_it_replaces_a_result_that_it_has_not_rendered(browser, tmp_path):
+    shot, kept = write_shot(tmp_path, frames=1), tmp_path / "out.mp4"
+    kept.write_bytes(b"footage")
+    with running(shot) as server, shown(browser, server, refuses=True) as page:
+        page.locator("#render").click()
+        page.get_by_text("out.mp4 exists").wait_for()
+        assert page.locator("#reload").is_hidden() and kept.read_bytes() == b"footage"
+        page.locator("#overwrite").click()
+        page.wait_for_selector("body[data-render=done]", timeout=WAIT_MS)
+        assert page.locator("#refused").is_hidden() and kept.read_bytes() != b"footage"
 
 
 def test_change_of_the_file_on_disk_is_seen_unless_it_is_of_comments_alone(tmp_path):

@@ -240,6 +240,41 @@ def test_render_equals_that_of_the_command_line_and_the_end_leaves_nothing(tmp_p
     assert film == (tmp_path / "out.mp4").read_bytes()
 
 
+def rendered(server, live, tables, more=""):
+    """The answer to a wish for a render, and how it ends."""
+    status, said = server.get(f"/render{more}", method="POST", body=tables)
+    if status != 200:
+        return status, json.loads(said)
+    while (told := render_told(live))["render"] in ("none", "running"):
+        pass
+    return status, told
+
+
+def test_result_that_the_studio_has_not_rendered_is_replaced_only_where_that_is_asked_for(tmp_path):
+    shot, kept = write_shot(tmp_path, frames=1), tmp_path / "out.mp4"
+    kept.write_bytes(b"footage")
+    with running(shot) as server, server.live() as live:
+        status, said = rendered(server, live, TABLES)
+        assert (status, said["holds"]) == (409, "result") and "out.mp4 exists" in said["error"]
+        assert kept.read_bytes() == b"footage"
+        assert rendered(server, live, TABLES, "?replace=1")[1]["render"] == "done"
+        first = kept.read_bytes()
+        assert rendered(server, live, placed(0.6))[1]["render"] == "done"  # its own
+        assert kept.read_bytes() not in (first, b"footage")
+        kept.write_bytes(b"edited elsewhere")
+        assert rendered(server, live, TABLES)[0] == 409
+
+
+def test_result_shown_is_that_of_the_last_render_whatever_the_shot_names_now(tmp_path):
+    shot, other = write_shot(tmp_path, frames=1), tmp_path / "other.mp4"
+    other.write_bytes(b"footage")
+    with running(shot) as server, server.live() as live:
+        assert server.get("/result")[0] == 404
+        assert rendered(server, live, TABLES)[1]["render"] == "done"
+        assert server.get("/save", method="POST", body={**TABLES, "output": {"file": "other.mp4"}})
+        assert server.get("/result") == (200, (tmp_path / "out.mp4").read_bytes())
+
+
 def test_cancelled_render_leaves_no_result_and_the_end_ends_a_running_one(tmp_path):
     shot = write_shot(tmp_path, frames=400)
     with running(shot) as server, server.live() as live:

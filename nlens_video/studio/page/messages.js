@@ -17,12 +17,14 @@ export function trouble(words) {
 /**
  * What the server refused to do, said until the next attempt or change.
  * @param {string} words
- * @param {(() => void) | null} [overwrite] where another page or program changed the shot file
+ * @param {"shot" | "result" | ""} [holds] the file that would be replaced
+ * @param {(() => void) | null} [overwrite] replaces it
  */
-export function refused(words, overwrite = null) {
+export function refused(words, holds = "", overwrite = null) {
   one("refused-why").textContent = words;
   one("refused").hidden = !words;
-  one("shot-changed").hidden = !overwrite;
+  one("reload").hidden = holds !== "shot";
+  one("overwrite").hidden = !holds || !overwrite;
   one("overwrite").onclick = overwrite;
   if (words) one("refused").scrollIntoView({ block: "nearest" });
 }
@@ -30,14 +32,14 @@ export function refused(words, overwrite = null) {
 /**
  * Do what the server may refuse, and say why.
  * @param {() => Promise<void>} act
- * @param {() => void} [overwrite] does the same where another page or program changed the shot file
+ * @param {(holds: "shot" | "result") => void} [overwrite] does the same, and replaces that file
  */
 export async function attempt(act, overwrite) {
   try {
     await act();
     refused("");
   } catch (error) {
-    const other = error instanceof Refusal && error.changed;
-    refused(error instanceof Error ? error.message : String(error), (other && overwrite) || null);
+    const holds = (overwrite && error instanceof Refusal && error.holds) || "";
+    refused(error instanceof Error ? error.message : String(error), holds, holds && overwrite ? () => overwrite(holds) : null);
   }
 }

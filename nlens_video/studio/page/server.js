@@ -2,15 +2,14 @@
 
 /** What the server does not do. */
 export class Refusal extends Error {
-  /** @param {string} words @param {number} status */
-  constructor(words, status) {
+  /**
+   * @param {string} words
+   * @param {"shot" | "result" | ""} [holds] which file would be replaced: the shot file that another page or
+   *   program has changed, or a result that the studio has not rendered
+   */
+  constructor(words, holds = "") {
     super(words);
-    this.status = status;
-  }
-
-  /** Whether the shot file was changed by another page or program. */
-  get changed() {
-    return this.status === 409;
+    this.holds = holds;
   }
 }
 
@@ -22,7 +21,7 @@ export class Refusal extends Error {
 export async function request(where, options) {
   const answer = await asked(where, options);
   const said = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Refusal(said.error ?? `the server answers ${answer.status}`, answer.status);
+  if (!answer.ok) throw new Refusal(said.error ?? `the server answers ${answer.status}`, said.holds);
   return said;
 }
 

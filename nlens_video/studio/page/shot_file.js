@@ -32,14 +32,21 @@ export class ShotFile {
     });
   }
 
-  /** Send the shot to be kept. @param {"save" | "render"} where @param {boolean} [over] whatever the file holds */
-  keep(where, over = false) {
+  /**
+   * Send the shot to be kept.
+   * @param {"save" | "render"} where
+   * @param {("shot" | "result")[]} [over] files that are replaced whatever they hold
+   */
+  keep(where, over = []) {
     this.kept = this.kept.then(() => attempt(async () => {
       const text = JSON.stringify(this.shot.tables);
-      ({ revision: this.revision } = await post(over ? where : `${where}?revision=${this.revision}`, this.shot.tables));
+      const words = new URLSearchParams();
+      if (!over.includes("shot")) words.set("revision", this.revision);
+      if (over.includes("result")) words.set("replace", "1");
+      ({ revision: this.revision } = await post(`${where}?${words}`, this.shot.tables));
       this.shot.saved = text;
       this.onSaved();
-    }, () => void this.keep(where, true)));
+    }, (holds) => void this.keep(where, [...over, holds])));
     return this.kept;
   }
 
