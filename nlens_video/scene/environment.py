@@ -20,7 +20,8 @@ _SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
 _WIDTH = 512  # columns that the reduction looks at: 0.7 degrees
 _PEAK = 4.0  # times the mean radiance: what is brighter belongs to a light
 _FAINT = 0.02  # share of all light below which the peaks are no lights
-_SMALL = math.radians(4.0)  # a part this wide is one light; a wider one is seen in mirrors
+_SMALL = math.radians(4.0)  # a part this wide is one light
+_SEEN = math.radians(2.0)  # a part this wide is seen in mirrors; halves of wide ones are no smaller
 _MAX_LIGHTS = 6
 # Weights of the terms of `polynomial`: a cosine's convolution, 1, 2/3 and 1/4 (Ramamoorthi and
 # Hanrahan 2001), times the squared factor of each real spherical harmonic.
@@ -89,7 +90,7 @@ def reduce_environment(
     shown = rest.copy() if mirrored is None else mirrored * kept * 2.0**exposure_ev
     lamps = []
     for part in parts:
-        wide = mirrored is None and part.diameter >= _SMALL
+        wide = mirrored is None and part.diameter >= _SEEN
         if wide:
             shown[part.pixels] = light[part.pixels]
         lamps.append(part.lamp(peaks, in_surround=wide))

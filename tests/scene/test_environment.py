@@ -11,6 +11,7 @@ from nlens_video.core.color import chromaticities, primaries_from_bt709
 from nlens_video.core.errors import InputError
 from nlens_video.effects.planner import SHADOW, ShotFacts, decide
 from nlens_video.scene.environment import load_environment, reduce_environment
+from nlens_video.scene.plate_environment import sphere
 
 TURNED = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n+X 16 -Y 8\n" + bytes(4 * 128)
 
@@ -106,6 +107,17 @@ def test_smooth_surfaces_mirror_wide_lights_and_not_the_sun():
     assert wide and len(wide) == len(light.lamps) - 1
     np.testing.assert_allclose(light.surround.radiance[101:139, 301:355], 8.0, rtol=1e-5)
     assert light.surround.radiance[40, 40].max() < 8.0
+
+
+def test_parts_of_one_wide_light_are_all_mirrored():
+    directions, _ = sphere(512)
+    toward = np.array([0.5, 0.6, 0.62])
+    from_middle = np.degrees(
+        np.arccos(np.clip(directions @ (toward / np.linalg.norm(toward)), -1, 1))
+    )
+    glow = 200.0 * np.exp(-0.5 * (from_middle / 3.0) ** 2)
+    light = reduce_environment((0.05 + glow[..., None] * np.ones(3)).astype(np.float32))
+    assert len(light.lamps) > 2 and all(lamp.posed.in_surround for lamp in light.lamps)
 
 
 def test_light_of_a_plate_keeps_its_highlights():
