@@ -21,7 +21,7 @@ _WIDTH = 512  # columns that the reduction looks at: 0.7 degrees
 _PEAK = 4.0  # times the mean radiance: what is brighter belongs to a light
 _FAINT = 0.02  # share of all light below which the peaks are no lights
 _SMALL = math.radians(4.0)  # a part this wide is one light
-_SEEN = math.radians(2.0)  # a part this wide is seen in mirrors; halves of wide ones are no smaller
+_SEEN = math.radians(12.0)  # a source this wide is seen in mirrors; the maps of these are coarse
 _MAX_LIGHTS = 6
 # Weights of the terms of `polynomial`: a cosine's convolution, 1, 2/3 and 1/4 (Ramamoorthi and
 # Hanrahan 2001), times the squared factor of each real spherical harmonic.
@@ -89,11 +89,12 @@ def reduce_environment(
     rest = light * kept
     shown = rest.copy() if mirrored is None else mirrored * kept * 2.0**exposure_ev
     lamps = []
-    for part in parts:
-        wide = mirrored is None and part.diameter >= _SEEN
-        if wide:
-            shown[part.pixels] = light[part.pixels]
-        lamps.append(part.lamp(peaks, in_surround=wide))
+    for source in _sources(parts):
+        wide = mirrored is None and _diameter(source) >= _SEEN
+        for part in source:
+            if wide:
+                shown[part.pixels] = light[part.pixels]
+            lamps.append(part.lamp(peaks, in_surround=wide))
     surround = Surround(shown.astype(np.float32), math.radians(rotation_deg))
     return Illumination(tuple(lamps), sphere.harmonics(rest), surround=surround)
 
@@ -136,14 +137,39 @@ def _median_cut(peaks: Float64, sphere: _Sphere) -> list[_Part]:
     return parts
 
 
+def _sources(parts: list[_Part]) -> list[list[_Part]]:
+    """The parts by the sources that they belong to: those of one source touch each other."""
+    sources: list[list[_Part]] = []
+    for part in parts:
+        touched = [source for source in sources if any(map(part.touches, source))]
+        sources = [source for source in sources if source not in touched]
+        sources.append([part, *(one for source in touched for one in source)])
+    return sources
+
+
+def _diameter(source: list[_Part]) -> float:
+    """Apparent size of the parts together [rad]."""
+    middle = sum((part.energy * part.resultant for part in source), np.zeros(3))
+    length = float(np.linalg.norm(middle)) / sum(part.energy for part in source)
+    return _spread(length)
+
+
+def _spread(length: float) -> float:
+    """Apparent size of light whose mean direction has that length [rad].
+
+    The mean of unit vectors is shorter the wider they spread: by a^2 / 4 for a disc of angular
+    radius a.
+    """
+    return 4.0 * math.sqrt(max(0.0, 1.0 - length))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Part:
-    """A rectangle of the map (y0, x0, y1, x1): its energy, middle and apparent size [rad]."""
+    """A rectangle of the map (y0, x0, y1, x1): its energy, and the mean direction of that (3,)."""
 
     area: tuple[int, int, int, int]
     energy: float
-    direction: Float64
-    diameter: float
+    resultant: Float64
 
     @classmethod
     def of(cls, bright: Float64, sphere: _Sphere, area: tuple[int, int, int, int]) -> _Part:
@@ -151,13 +177,24 @@ class _Part:
         weight = bright[y0:y1, x0:x1]
         energy = float(weight.sum())
         middle = np.einsum("hw,hwc->c", weight, sphere.directions[y0:y1, x0:x1])
-        length = float(np.linalg.norm(middle))
-        if energy <= 0.0 or length <= 0.0:
-            return cls(area, energy, np.array([0.0, 1.0, 0.0]), 0.0)
-        # The mean of unit vectors is shorter the wider they spread: by a^2 / 4 for a disc of
-        # angular radius a.
-        spread = 2.0 * math.sqrt(max(0.0, 1.0 - length / energy))
-        return cls(area, energy, middle / length, 2.0 * spread)
+        if energy <= 0.0 or not middle.any():
+            return cls(area, energy, np.array([0.0, 1.0, 0.0]))
+        return cls(area, energy, middle / energy)
+
+    @property
+    def direction(self) -> Float64:
+        """Unit vector (3,) to its middle."""
+        return np.asarray(self.resultant / np.linalg.norm(self.resultant))
+
+    @property
+    def diameter(self) -> float:
+        """Its apparent size [rad]."""
+        return _spread(float(np.linalg.norm(self.resultant)))
+
+    def touches(self, other: _Part) -> bool:
+        """Whether there is no gap between two, as far as their sizes tell."""
+        between = math.acos(min(max(float(self.direction @ other.direction), -1.0), 1.0))
+        return between <= self.diameter + other.diameter
 
     @property
     def pixels(self) -> tuple[slice, slice]:

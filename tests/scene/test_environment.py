@@ -109,15 +109,16 @@ def test_smooth_surfaces_mirror_wide_lights_and_not_the_sun():
     assert light.surround.radiance[40, 40].max() < 8.0
 
 
-def test_parts_of_one_wide_light_are_all_mirrored():
-    directions, _ = sphere(512)
-    toward = np.array([0.5, 0.6, 0.62])
-    from_middle = np.degrees(
-        np.arccos(np.clip(directions @ (toward / np.linalg.norm(toward)), -1, 1))
-    )
-    glow = 200.0 * np.exp(-0.5 * (from_middle / 3.0) ** 2)
+@pytest.mark.parametrize(("spread_deg", "mirrored"), [(1.5, False), (2.5, False), (5.0, True)])
+@pytest.mark.parametrize("azimuth_deg", [20.0, 178.0])
+def test_parts_of_one_light_are_all_mirrored_or_none(spread_deg, mirrored, azimuth_deg):
+    turn = math.radians(azimuth_deg)
+    toward = 0.8 * np.array([math.cos(turn), 0.75, math.sin(turn)])
+    cosine = np.clip(sphere(512)[0] @ toward, -1.0, 1.0)
+    glow = 200.0 * np.exp(-0.5 * (np.degrees(np.arccos(cosine)) / spread_deg) ** 2)
     light = reduce_environment((0.05 + glow[..., None] * np.ones(3)).astype(np.float32))
-    assert len(light.lamps) > 2 and all(lamp.posed.in_surround for lamp in light.lamps)
+    assert len(light.lamps) > 1
+    assert {lamp.posed.in_surround for lamp in light.lamps} == {mirrored}
 
 
 def test_light_of_a_plate_keeps_its_highlights():
