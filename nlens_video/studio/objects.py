@@ -35,11 +35,13 @@ class ObjectGuides:
     Attributes:
         at: where it touches the ground, None where that is behind the camera.
         size: rows from there up to its highest point [frame height].
-        yaw: its turn towards the camera of this moment, where it is keyed; else None [deg].
+        yaw: its turn towards the camera of this moment, None where the shot does not place it
+            [deg].
         outline: its left, upper, right and lower border.
         placed: whether the shot places it; else it stands where its file has it.
         path: points of its way on the ground, as this frame's camera sees them.
         stops: those of its keys.
+        sizes: as `size`, at the first two keys of its place, by the cameras of their moments.
         shadow: what its shadow is drawn by, None where it has no height.
     """
 
@@ -50,6 +52,7 @@ class ObjectGuides:
     placed: bool
     path: tuple[tuple[float, float], ...] = ()
     stops: tuple[tuple[float, float], ...] = ()
+    sizes: tuple[float, ...] = ()
     shadow: ShadowGuides | None = None
 
 
@@ -72,10 +75,15 @@ def object_guides(
     for number, (part, ground_y, keys) in enumerate(zip(scene.parts, grounds, keyed, strict=True)):
         own = scene.only(number).pose(0.0).vertices().astype(np.float64)
         contact = contact_point(own.astype(np.float32), ground_y)
-        motion = part.motion
+        motion, sizes = part.motion, []
+        placed = motion is not None if number else first
+        turn = 0.0
         if motion is not None:
-            matrix = motion.at(time_s)
-            own, contact = (points @ matrix[:3, :3].T + matrix[:3, 3] for points in (own, contact))
+            for moment in motion.place.times_s[:2] if keys.of("at") else ():
+                seeing = view.camera_at(scene, float(moment))
+                sizes.append(stand(seeing, *_moved(motion, float(moment), contact, own))[1])
+            contact, own = _moved(motion, time_s, contact, own)
+            turn = float(motion.turn.at(time_s)[0])
         meshes = part.meshes(part.moved(part.moment(time_s)))
         drawn = [mesh for mesh in meshes if mesh.drawn] or meshes
         moved = np.concatenate([mesh.positions for mesh in drawn])
@@ -85,11 +93,12 @@ def object_guides(
             ObjectGuides(
                 at=at,
                 size=size,
-                yaw=_yaw_deg(motion, camera, time_s) if motion and keys.of("yaw") else None,
+                yaw=_yaw_deg(turn, camera) if placed else None,
                 outline=_outline(camera, moved.astype(np.float64)),
-                placed=motion is not None if number else first,
+                placed=placed,
                 path=path,
                 stops=stops,
+                sizes=tuple(sizes),
                 shadow=shadow_guides(camera, before, contact, moved.astype(np.float64)),
             )
         )
@@ -150,11 +159,20 @@ def _spots(camera: Camera, points: Float64) -> Float64 | None:
     return camera.pixels(seen) / (camera.width, camera.height)
 
 
-def _yaw_deg(motion: ObjectMotion, camera: Camera, time_s: float) -> float:
-    """The turn of an object towards a camera at a moment [deg]."""
+def _moved(
+    motion: ObjectMotion, time_s: float, contact: Float64, vertices: Float64
+) -> tuple[Float64, Float64]:
+    """A point (3,) and vertices (V, 3) of a file where they are in the shared world at a time."""
+    matrix = motion.at(time_s)
+    turned, offset = matrix[:3, :3].T, matrix[:3, 3]
+    return contact @ turned + offset, vertices @ turned + offset
+
+
+def _yaw_deg(turn: float, camera: Camera) -> float:
+    """The turn of an object [rad] towards a camera [deg]."""
     pose = camera.world_from_camera
     facing = math.atan2(pose[0, 2], pose[2, 2])
-    return math.degrees(float(motion.turn.at(time_s)[0]) - facing)
+    return math.degrees(turn - facing)
 
 
 def _way(
