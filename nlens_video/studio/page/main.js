@@ -3,7 +3,7 @@
 import { CameraPanel } from "./camera_panel.js";
 import { field, one, setUnlessTyping } from "./elements.js";
 import { Film } from "./film.js";
-import { FIRST_PLACE, rounded } from "./ground.js";
+import { FIRST_PLACE, movedTo, rounded } from "./ground.js";
 import { LightPanel } from "./light_panel.js";
 import { Live, QUICK } from "./live.js";
 import { busy, refused, trouble } from "./messages.js";
@@ -29,7 +29,10 @@ const shot = new Shot(about.tables);
 const file = new ShotFile(shot, about, fill, replaced);
 const film = new Film(plate, () => {
   stage.pictures = {};
-  objects.showKeys();
+  shot.release();
+  objects.stale ||= !!stage.guides?.moving || objects.list.some((table) => table["key"]);
+  fill();
+  stage.overlay();
   void showPlate();
   ask("rest");
 });
@@ -42,11 +45,14 @@ const objects = new Objects(shot, {
   frame: () => film.frame,
   rate: plate.rate,
   files: about.objects,
+  moving: () => stage.guides?.moving ?? false,
+  place,
   changed: () => {
     const shown = objects.guides[objects.selected];
     if (shown && stage.guides) Object.assign(stage.guides, shown);
     changed("rest");
   },
+  replaced,
   go: (number) => film.go(number),
 });
 stage.more = (lines) => objects.draw(lines);
@@ -63,27 +69,34 @@ const live = new Live(onPicture, onTold, (connected) => {
   else refresh();
 });
 
-/** Where the object stands, as the shot says or else as the picture shows. @returns {Place | null} */
+/** Where the object stands, as the shot says or else as the picture shows; null until one does. @returns {Place | null} */
 function place() {
   const guides = stage.guides;
   if (!guides?.placed || !guides.at) return null;
-  const given = objects.table;
-  const shown = guides.moving || objects.keyed("at");
-  return {
-    at: (shown ? undefined : given["at"]) ?? guides.at,
-    size: (shown ? undefined : given["size"]) ?? guides.size,
-    yaw: guides.yaw ?? given["yaw"] ?? 0,
-  };
+  const { at, size, yaw } = objects.table;
+  const constant = !guides.moving && !objects.keys.length;
+  if (constant && at && size) return { at, size, yaw: yaw ?? 0 };
+  if (objects.stale) return null;
+  if (!constant) return { at: guides.at, size: guides.size, yaw: guides.yaw ?? yaw ?? 0 };
+  return { at: at ?? guides.at, size: size ?? guides.size, yaw: yaw ?? 0 };
 }
 
 /** @param {Place} wanted @param {boolean} done */
 function onPlace(wanted, done) {
-  if (!done) shot.hold();
-  const guides = stage.guides;
-  objects.put(place() ?? wanted, wanted, guides?.moving ?? false);
+  const before = place();
+  const known = before || !stage.guides?.placed; // else a hand still drags what another frame shows
+  if (known && !done) shot.hold();
+  if (known) objects.put(before, wanted);
   if (done) shot.release();
-  if (guides) Object.assign(guides, { at: wanted.at, size: wanted.size, yaw: objects.keyed("yaw") ? wanted.yaw : null });
+  if (!known) return;
+  seen({ ...wanted, placed: true });
   changed(done ? "rest" : "drag");
+}
+
+/** The object that is edited is seen so from now on. @param {Partial<import("./objects.js").ObjectGuides>} changes */
+function seen(changes) {
+  objects.see(changes);
+  if (stage.guides) Object.assign(stage.guides, changes);
 }
 
 /** @param {string} kind of the picture to ask for */
@@ -133,9 +146,13 @@ async function onPicture(said, data) {
     showFocus(said, stage.view === "focus");
   } else {
     light.found = said.sun ?? null;
-    const { at, size, yaw, horizon } = stage.guides ?? {};
+    const { horizon } = stage.guides ?? {};
+    const { at, size, yaw, sizes } = objects.guides[objects.selected] ?? {};
     take(said["guides"]);
-    if (shot.held !== null && at && horizon && stage.guides) Object.assign(stage.guides, { at, size, yaw, horizon });
+    if (shot.held !== null && at && horizon && stage.guides) {
+      seen({ at, size, yaw, sizes });
+      stage.guides.horizon = horizon;
+    }
     if (said.kind === "rest") describe(said);
   }
   stage.draw();
@@ -149,6 +166,7 @@ async function onPicture(said, data) {
 /** Take what a picture says of its objects. @param {any} said */
 function take(said) {
   objects.guides = said.objects;
+  objects.stale = false;
   stage.guides = { ...said, ...said.objects[Math.min(objects.selected, said.objects.length - 1)] };
 }
 
@@ -192,7 +210,8 @@ function fill() {
   objects.show();
   const now = place();
   one("of-file").hidden = !stage.guides || stage.guides.placed;
-  one("place").hidden = !now;
+  one("place").hidden = !now && !(objects.stale && stage.guides?.placed);
+  for (const id of ["at-x", "at-y", "size", "yaw"]) field(id).disabled = !now;
   if (now) {
     setUnlessTyping("at-x", rounded(now.at[0], 4));
     setUnlessTyping("at-y", rounded(now.at[1], 4));
@@ -217,18 +236,22 @@ for (const id of ["at-x", "at-y", "size", "yaw"]) {
     const now = place();
     const value = field(id).valueAsNumber;
     if (!now || !Number.isFinite(value)) return;
-    if (id === "at-x") now.at = [value, now.at[1]];
-    else if (id === "at-y") now.at = [now.at[0], value];
-    else if (id === "size") now.size = value;
-    else now.yaw = value;
-    onPlace(now, true);
+    const [x, y] = now.at;
+    if (id === "size") onPlace({ ...now, size: value }, true);
+    else if (id === "yaw") onPlace({ ...now, yaw: value }, true);
+    else onPlace(moved(now, id === "at-x" ? [value, y] : [x, value]), true);
   });
 }
+
+/** A place with other numbers: on a way the real height stays, else what is seen. @param {Place} now @param {[number, number]} at @returns {Place} */
+function moved(now, at) {
+  return objects.keyed("at") ? movedTo(now, at, stage.guides?.horizon ?? null) : { ...now, at };
+}
+
 one("take").addEventListener("click", () => {
   const guides = stage.guides;
   if (!guides) return;
   const at = guides.at ?? FIRST_PLACE.at;
-  guides.placed = true;
   onPlace({ at, size: guides.size > 0 ? guides.size : FIRST_PLACE.size, yaw: 0 }, true);
 });
 field("preset").addEventListener("change", () => {
@@ -252,8 +275,7 @@ function step(way) {
 
 /** Show other tables. */
 function replaced() {
-  const { at } = objects.table;
-  if (stage.guides && at && !stage.guides.moving) stage.guides.at = at;
+  objects.stale = true;
   changed("rest");
 }
 

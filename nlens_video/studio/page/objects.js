@@ -2,18 +2,18 @@
 
 import { listed, one, shape } from "./elements.js";
 import { rounded } from "./ground.js";
+import { cleaned, inherited, taller, written } from "./object_tables.js";
 
 /** @typedef {import("./ground.js").Place} Place */
 /** @typedef {import("./shot.js").Table} Table */
-/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, placed: boolean, path: number[][], stops: number[][], shadow: import("./sun.js").ShadowGuides | null}} ObjectGuides */
+/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, placed: boolean, path: number[][], stops: number[][], sizes: number[], shadow: import("./sun.js").ShadowGuides | null}} ObjectGuides */
 
-const OF_THE_SHOT = ["layers", "footprint", "footprint-node"]; // keys of the first object, whichever that is
 const BESIDE = 0.2; // of the frame's width, between an object and one that is added
 
 export class Objects {
   /**
    * @param {import("./shot.js").Shot} shot
-   * @param {{frame: () => number, rate: number, files: string[], changed: () => void, go: (frame: number) => void}} page
+   * @param {{frame: () => number, rate: number, files: string[], moving: () => boolean, place: () => Place | null, changed: () => void, replaced: () => void, go: (frame: number) => void}} page
    */
   constructor(shot, page) {
     this.shot = shot;
@@ -21,6 +21,7 @@ export class Objects {
     this.selected = 0;
     /** @type {ObjectGuides[]} of the last picture */
     this.guides = [];
+    this.stale = false; // whether that was of another frame, or of a shot in which they stood elsewhere
     one("add-object").append(...page.files.map((name) => new Option(name, name)));
     one("add-object").addEventListener("change", () => this.add());
     one("remove-object").addEventListener("click", () => this.remove());
@@ -31,7 +32,7 @@ export class Objects {
     one("interpolation").addEventListener("change", () => {
       const { value } = /** @type {HTMLSelectElement} */ (one("interpolation"));
       this.write({ interpolation: value === "smooth" ? undefined : value });
-      page.changed();
+      page.replaced();
     });
   }
 
@@ -76,36 +77,60 @@ export class Objects {
 
   /**
    * Put the object that is edited where a hand has put it; its key of this frame, where it has keys.
-   * @param {Place} before
+   * What the hand has left as it was is not written.
+   * @param {Place | null} before null where the shot does not place it
    * @param {Place} wanted
-   * @param {boolean} moving whether the camera moves
    */
-  put(before, wanted, moving) {
-    const frame = this.page.frame();
-    const moved = wanted.at[0] !== before.at[0] || wanted.at[1] !== before.at[1];
-    const at = [rounded(wanted.at[0], 4), rounded(wanted.at[1], 4)];
-    const [size, yaw] = [rounded(wanted.size, 4), rounded(wanted.yaw, 2)];
+  put(before, wanted) {
+    const moved = wanted.at[0] !== before?.at[0] || wanted.at[1] !== before?.at[1];
+    const turned = wanted.yaw !== before?.yaw;
+    const factor = before && before.size > 0 ? wanted.size / before.size : 1;
+    const sized = factor !== 1 || !before;
+    if (!moved && !turned && !sized) return;
+    const { at, size, yaw } = written(wanted);
+    const { table } = this;
+    const here = this.keys[this.here] ?? {};
+    // what is given for all of the shot is so on one frame: together, or not at all
+    const whole = !before || !table["at"] || table["at-frame"] !== this.atFrame;
     /** @type {Table} */
-    const whole = {};
+    const changes = {};
     /** @type {Table} */
     const key = {};
-    if (!this.keyed("at")) {
-      whole["at"] = at;
-      whole["at-frame"] = moving && frame ? frame : undefined;
-    } else if (moved) key["at"] = at;
+    if (this.keyed("at")) {
+      if (moved) key["at"] = at;
+    } else if (moved || whole) Object.assign(changes, { at, "at-frame": this.atFrame });
+    const scaled = sized && !moved; // on the ground the real height stays
     if (this.keyed("size")) {
-      if (!moved) key["size"] = size;
+      if (here["height"] !== undefined) Object.assign(key, scaled ? { height: taller(here["height"], factor) } : {});
+      else if (scaled || (sized && here["size"] !== undefined)) key["size"] = size;
+    } else if (table["height"] !== undefined) {
+      if (scaled) changes["height"] = taller(table["height"], factor);
     } else if (!this.keyed("at")) {
-      whole["size"] = size;
-      whole["height"] = undefined;
-    } else if (!moved && this.table["size"] && before.size > 0) {
-      // what no key gives holds where the way begins, not here
-      whole["size"] = rounded((this.table["size"] * wanted.size) / before.size, 4);
-    }
-    if (!this.keyed("yaw")) whole["yaw"] = yaw;
-    else if (wanted.yaw !== before.yaw) key["yaw"] = yaw;
-    if (Object.keys(key).length) whole["key"] = this.withKey(key);
-    this.write(whole);
+      if (sized || whole || table["size"] === undefined) changes["size"] = size;
+    } else if (moved) Object.assign(changes, this.begins ? { size } : {});
+    else if (scaled && table["size"] !== undefined) changes["size"] = rounded(table["size"] * factor, 4);
+    if (scaled) this.see({ sizes: this.guides[this.selected]?.sizes.map((one) => one * factor) ?? [] });
+    if (this.keyed("yaw")) Object.assign(key, turned ? { yaw } : {});
+    else if (!this.keyed("at")) Object.assign(changes, turned || whole ? { yaw } : {});
+    else if (turned) changes["yaw"] = rounded((table["yaw"] ?? 0) + wanted.yaw - (before?.yaw ?? 0), 2);
+    if (Object.keys(key).length) changes["key"] = this.withKey(key);
+    this.write(changes);
+  }
+
+  /** The object that is edited is seen so from now on. @param {Partial<ObjectGuides>} changes */
+  see(changes) {
+    Object.assign(this.guides[this.selected] ?? {}, changes);
+  }
+
+  /** Of a place that holds for all of the shot and is seen on this frame. @returns {number | undefined} */
+  get atFrame() {
+    return (this.page.moving() && this.page.frame()) || undefined;
+  }
+
+  /** Whether the way begins at the key of this frame, once there is one. */
+  get begins() {
+    const frame = this.page.frame();
+    return !this.keys.some((key) => key["at"] !== undefined && this.frameOf(key) < frame);
   }
 
   /** The number of the key of this frame, -1 for none. */
@@ -133,35 +158,37 @@ export class Objects {
 
   /** Keep place and turn of this frame; what held for all of the shot becomes a key's. */
   setKey() {
-    const guides = this.guides[this.selected];
-    if (!guides?.at) return;
-    const at = [rounded(guides.at[0], 4), rounded(guides.at[1], 4)];
-    const yaw = rounded(guides.yaw ?? this.table["yaw"] ?? 0, 2);
-    /** @type {Table} */
-    const key = { at, yaw };
-    if (this.keyed("size")) key["size"] = rounded(guides.size, 4);
-    const sized = this.keyed("size") || this.table["size"] !== undefined || this.table["height"] !== undefined;
-    this.write({
-      key: this.withKey(key), at: undefined, "at-frame": undefined, yaw: undefined,
-      ...(sized ? {} : { size: rounded(guides.size, 4) }),
-    });
+    const place = this.page.place();
+    if (!place) return;
+    const { at, size, yaw } = written(place);
+    const tall = this.keys[this.here]?.["height"] !== undefined;
+    const key = this.withKey({ at, yaw, ...(this.keyed("size") && !tall ? { size } : {}) });
+    const sized = this.begins && !this.keyed("size") && this.table["height"] === undefined;
+    this.write({ key, at: undefined, "at-frame": undefined, yaw: undefined, ...(sized ? { size } : {}) });
     this.page.changed();
   }
 
-  /** With the last key its place and turn hold for all of the shot. */
+  /** What no key is left for holds for all of the shot, as it is seen on this frame. */
   deleteKey() {
-    const { here } = this;
-    if (here < 0) return;
-    const [gone] = this.keys.slice(here, here + 1);
-    const left = this.keys.filter((_, at) => at !== here);
+    const gone = this.keys[this.here];
+    const place = this.page.place();
+    if (!gone || !place) return;
+    const left = this.keys.filter((key) => key !== gone);
+    const free = (/** @type {string[]} */ ...names) => !left.some((key) => names.some((name) => key[name] !== undefined));
+    const { at, size, yaw } = written(place);
+    const sized = free("size", "height") && this.table["height"] === undefined && gone["height"] === undefined;
+    const first = this.begins && gone["at"] !== undefined;
     /** @type {Table} */
-    const whole = { key: left.length ? left : undefined };
-    for (const name of ["at", "size", "yaw"]) {
-      const last = gone?.[name] !== undefined && !left.some((key) => key[name] !== undefined);
-      if (last) whole[name] = gone[name];
+    const changes = { key: left.length ? left : undefined };
+    if (gone["height"] !== undefined && free("size", "height")) changes["height"] = gone["height"];
+    if (free("yaw") && (gone["yaw"] !== undefined || free("at"))) changes["yaw"] = yaw;
+    if (free("at")) Object.assign(changes, { at, "at-frame": this.atFrame }, sized ? { size } : {});
+    else if (sized && (first || gone["size"] !== undefined)) {
+      const next = this.guides[this.selected]?.sizes[first ? 1 : 0]; // where the way begins then
+      if (next) changes["size"] = rounded(next, 4);
     }
-    this.writeAll(this.list.map((table, at) => (at === this.selected ? { ...table, ...whole } : table)));
-    this.page.changed();
+    this.writeAll(this.list.map((one, at) => (at === this.selected ? { ...one, ...changes } : one)));
+    this.page.replaced();
   }
 
   add() {
@@ -172,10 +199,11 @@ export class Objects {
     if (!file || !near?.at) return;
     const [x, y] = near.at;
     const at = [rounded(x + (x > 0.5 ? -BESIDE : BESIDE), 4), rounded(Math.min(y, 0.95), 4)];
-    const list = [...this.list, { file, at, size: rounded(Math.min(0.9, Math.max(0.02, near.size)), 4) }];
+    const size = rounded(Math.min(0.9, Math.max(0.02, near.size)), 4);
+    const list = [...this.list, { file, at, "at-frame": this.atFrame, size }];
     this.writeAll(list);
     this.selected = list.length - 1;
-    this.page.changed();
+    this.page.replaced();
   }
 
   remove() {
@@ -183,7 +211,7 @@ export class Objects {
     if (list.length < 2) return;
     this.writeAll(inherited(list, list.filter((_, at) => at !== this.selected)));
     this.selected = Math.max(0, this.selected - 1);
-    this.page.changed();
+    this.page.replaced();
   }
 
   /** @param {number} by */
@@ -196,7 +224,7 @@ export class Objects {
     next.splice(to, 0, /** @type {Table} */ (moved));
     this.writeAll(inherited(list, next));
     this.selected = to;
-    this.page.changed();
+    this.page.replaced();
   }
 
   /** Show the list and the keys. */
@@ -243,8 +271,10 @@ export class Objects {
       return row;
     }));
     if (focused?.startsWith("key-")) document.getElementById(focused)?.focus();
-    disable("delete-key", here < 0);
-    disable("set-key", !this.guides[this.selected]?.placed);
+    const placed = this.page.place() !== null;
+    disable("delete-key", here < 0 || !placed);
+    disable("set-key", !placed);
+    disable("add-object", this.stale);
     one("interpolation-row").hidden = keys.length < 2;
     /** @type {HTMLSelectElement} */ (one("interpolation")).value = this.table["interpolation"] ?? "smooth";
   }
@@ -259,26 +289,9 @@ export class Objects {
   }
 }
 
-/** A table without keys that are undefined. @param {Table} table @returns {Table} */
-function cleaned(table) {
-  return Object.fromEntries(Object.entries(table).filter(([, value]) => value !== undefined));
-}
-
-/** What the first object holds for the shot goes to the one that is first now. @param {Table[]} before @param {Table[]} after @returns {Table[]} */
-function inherited(before, after) {
-  const [first] = before;
-  const [next] = after;
-  if (!first || first === next) return after;
-  const shared = Object.fromEntries(OF_THE_SHOT.filter((key) => first[key] !== undefined).map((key) => [key, first[key]]));
-  return after.map((table, at) => {
-    const own = Object.entries(table).filter(([key]) => !OF_THE_SHOT.includes(key) && key !== "camera");
-    return { ...Object.fromEntries(own), ...(at ? {} : shared) };
-  });
-}
-
 /** @param {string} id @param {boolean} off */
 function disable(id, off) {
-  /** @type {HTMLButtonElement} */ (one(id)).disabled = off;
+  /** @type {HTMLButtonElement | HTMLSelectElement} */ (one(id)).disabled = off;
 }
 
 /** @param {number[][]} points @param {string} name */

@@ -5,8 +5,9 @@ import { atDistance, clampSize, horizonAt, movedTo, rollOf } from "./ground.js";
 import { corners } from "./region.js";
 
 /** @typedef {import("./ground.js").Place} Place */
-/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, shadow: import("./sun.js").ShadowGuides | null, horizon: [number, number] | null, grid: number[][], placed: boolean, keyed: boolean, moving: boolean}} Guides */
+/** @typedef {{at: [number, number] | null, size: number, yaw: number | null, outline: number[] | null, shadow: import("./sun.js").ShadowGuides | null, horizon: [number, number] | null, grid: number[][], placed: boolean, sizes: number[], keyed: boolean, moving: boolean}} Guides */
 
+const HANDLES = ["move", "scale", "turn"];
 const TURN_DEG = 0.5; // a pixel of a drag
 const HORIZON_COLUMN = 0.05; // of the horizon's handle
 const ROLL_COLUMN = 0.7; // of the one that tilts it about the middle of the frame
@@ -41,6 +42,7 @@ export class Stage {
     /** @type {number[] | null} on whose ground the lens is fitted */
     this.region = null;
     this.shown = true;
+    this.focused = ""; // a handle that had the focus when all were hidden
     /** @type {(lines: SVGElement) => void} draws more over the picture */
     this.more = () => {};
     /** @type {number | undefined} */
@@ -57,7 +59,7 @@ export class Stage {
       return [row, Math.max(-45, Math.min(45, (Math.atan(steep) * 180) / Math.PI))];
     });
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
-    for (const id of ["move", "scale", "turn"]) {
+    for (const id of HANDLES) {
       one(id).addEventListener("keydown", (event) => this.key(/** @type {KeyboardEvent} */ (event), id));
     }
   }
@@ -122,7 +124,14 @@ export class Stage {
     this.onOverlay(this.shown && this.view !== "focus");
     const place = this.place();
     const handles = seen && place !== null && guides?.keyed;
-    for (const id of ["move", "scale", "turn"]) one(id).toggleAttribute("hidden", !handles);
+    for (const id of HANDLES) {
+      if (!handles && document.activeElement === one(id)) this.focused = id;
+      one(id).toggleAttribute("hidden", !handles);
+    }
+    if (handles) {
+      if (this.focused && document.activeElement === document.body) one(this.focused).focus();
+      this.focused = "";
+    }
     const grip = /** @type {HTMLElement} */ (one("grip"));
     grip.hidden = !(handles && guides?.outline);
     if (!seen || !guides) return;
