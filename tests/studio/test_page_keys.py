@@ -11,6 +11,17 @@ from nlens_video.cameras.solved import CameraKey, SolvedCamera
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 
 KEYS = [{"frame": 0, "at": [0.3, 0.9]}, {"frame": 3, "at": [0.7, 0.6]}]
+LATE = """(() => {
+  const Before = window.WebSocket;
+  window.WebSocket = class extends Before {
+    set onmessage(take) { super.onmessage = (event) => setTimeout(() => take(event), 1000); }
+  };
+})()"""
+DRAWN = """() => {
+  window.drawn = [];
+  const note = () => window.drawn.push(document.body.dataset.kind);
+  new MutationObserver(note).observe(document.body, { attributeFilter: ["data-drawn"] });
+}"""
 
 
 def go_to(page, frame):
@@ -135,6 +146,21 @@ def test_handle_waits_for_the_picture_after_undo_and_keeps_the_focus(keyed, stud
     at_rest(keyed, lambda: keyed.keyboard.press("ArrowLeft"))
     key = saved(keyed, studio.shot)["object"][0]["key"][0]
     assert key["at"] == pytest.approx([0.298, 0.9], abs=1e-4)
+
+
+def test_pictures_that_come_late_do_not_move_the_object_back(keyed):
+    keyed.add_init_script(LATE)
+    keyed.reload()
+    keyed.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+    drag(keyed, keyed.locator("#move"), 0.2, 0.0)
+    released = numbers(keyed)
+    keyed.evaluate(DRAWN)
+    at_rest(keyed, lambda: keyed.wait_for_timeout(1))
+    assert numbers(keyed) == pytest.approx(released, abs=1e-3)
+    drag(keyed, keyed.locator("#move"), -0.1, 0.0)
+    go_to(keyed, 3)
+    assert numbers(keyed)[:2] == pytest.approx([0.7, 0.6], abs=1e-3)
+    assert set(keyed.evaluate("window.drawn")) == {"rest"}
 
 
 def test_click_on_a_handle_writes_nothing(browser, tmp_path):

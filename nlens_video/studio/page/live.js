@@ -19,6 +19,7 @@ export class Live {
     this.onConnected = onConnected;
     this.connected = false;
     this.number = 0;
+    this.oldest = 1; // number of the first picture that is not dropped
     /** @type {number | null} of the picture that is being made while dragging */
     this.flying = null;
     /** @type {{tables: Tables, frame: number, kind: string} | null} */
@@ -60,6 +61,18 @@ export class Live {
     else this.timer = window.setTimeout(() => this.flush(), REST_AFTER_MS);
   }
 
+  /** What was asked for until now is not wanted any more: the shot or the frame is another. */
+  drop() {
+    window.clearTimeout(this.timer);
+    this.waiting = null;
+    this.oldest = this.number + 1;
+  }
+
+  /** @param {About} about */
+  wants(about) {
+    return about.number >= this.oldest && (about.number === this.number || QUICK.includes(about.kind));
+  }
+
   flush() {
     const wish = this.waiting;
     if (!wish || this.socket?.readyState !== WebSocket.OPEN) return;
@@ -82,8 +95,7 @@ export class Live {
     const about = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
     const rest = data.slice(4 + length);
     if (about.number === this.flying) this.flying = null;
-    const latest = about.number === this.number;
-    if (latest || QUICK.includes(about.kind)) {
+    if (this.wants(about)) {
       this.onPicture(about, rest.byteLength ? new Blob([rest], { type: "image/jpeg" }) : null);
     }
     if (QUICK.includes(this.waiting?.kind ?? "")) this.flush();

@@ -115,6 +115,7 @@ function ask(kind) {
     if (view === "final" || view === "sharp") live.ask(shot.tables, film.frame, kind);
     return;
   }
+  live.drop();
   const [, other] = stage.compared;
   const sharp = view === "sharp" || other === "sharp";
   pending = [...(sharp ? ["sharp"] : []), ...{ focus: ["focus"], plate: [] }[view] ?? ["rest"]];
@@ -138,6 +139,7 @@ async function onPicture(said, data) {
     return;
   }
   const picture = await createImageBitmap(data);
+  if (!live.wants(said)) return;
   trouble("");
   if (quick) stage.pictures["sharp"] = null;
   stage.pictures[{ focus: "focus", sharp: "sharp" }[said.kind] ?? "final"] = picture;
