@@ -1,7 +1,7 @@
 // The controls of the plate's camera: horizon, roll, and the lines that tell them.
 
 import { HandLines, PlateLines, cameraOfPairs, linesOf } from "./camera.js";
-import { field, one, setUnlessTyping } from "./elements.js";
+import { field, one, onSlide, setUnlessTyping } from "./elements.js";
 import { FIRST_PLACE, horizonOf, rollOf, rounded } from "./ground.js";
 
 /** @typedef {import("./camera.js").Line} Line */
@@ -30,9 +30,7 @@ export class CameraPanel {
     this.hand = new HandLines((lines, done) => this.solve(lines, done));
     field("own-horizon").addEventListener("change", () => this.own(field("own-horizon").checked));
     for (const id of ["horizon", "roll"]) {
-      for (const kind of ["input", "change"]) {
-        field(id).addEventListener(kind, () => this.put(field("horizon").valueAsNumber, kind === "change", field("roll").valueAsNumber));
-      }
+      onSlide(id, (_, done) => this.put(field("horizon").valueAsNumber, done, field("roll").valueAsNumber));
     }
     field("hand").addEventListener("change", () => {
       this.hand.shown = field("hand").checked;

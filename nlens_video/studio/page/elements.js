@@ -41,6 +41,26 @@ export function put(handle, x, y) {
 }
 
 /**
+ * Follow a slider until it is let go, also where it is back where it began: of that browsers tell no `change`.
+ * @param {string} id
+ * @param {(value: number, done: boolean) => void} moved
+ */
+export function onSlide(id, moved) {
+  const slider = field(id);
+  let held = false;
+  const end = () => {
+    if (held) moved(slider.valueAsNumber, true);
+    held = false;
+  };
+  slider.addEventListener("input", () => {
+    held = true;
+    moved(slider.valueAsNumber, false);
+  });
+  for (const kind of ["change", "keyup", "blur"]) slider.addEventListener(kind, end);
+  for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, end);
+}
+
+/**
  * Follow the pointer from where it is pressed on an element until it is lifted.
  * @param {Element} element
  * @param {(down: PointerEvent) => Moved | null} begin gives what each motion does, null where nothing is dragged

@@ -1,6 +1,6 @@
 // The controls of the light: sun, light from around, strength of the shadow.
 
-import { field, one, setUnlessTyping } from "./elements.js";
+import { field, one, onSlide, setUnlessTyping } from "./elements.js";
 import { SunHandles } from "./sun.js";
 
 /** @typedef {import("./sun.js").Sun} Sun */
@@ -29,24 +29,19 @@ export class LightPanel {
       changed("rest");
     });
     const given = () => /** @type {Sun} */ (SUN.map((id) => field(id).valueAsNumber));
-    for (const id of SUN) {
-      field(id).addEventListener("input", () => this.put(given(), false));
-      field(id).addEventListener("change", () => this.put(given(), true));
-    }
+    for (const id of SUN) onSlide(id, (_, done) => this.put(given(), done));
     field("around").addEventListener("change", () => {
       const map = field("around").value || undefined;
       const turn = map && shot.get("light", "env-rotation");
       shot.set("light", { "env-map": map, env: undefined, "env-rotation": turn });
       changed("rest");
     });
-    field("around-turn").addEventListener("input", () => {
+    onSlide("around-turn", (degrees, done) => {
       shot.hold();
-      shot.set("light", { "env-rotation": field("around-turn").valueAsNumber || undefined });
-      changed("rest");
-    });
-    field("around-turn").addEventListener("change", () => {
-      shot.release();
-      onRelease();
+      shot.set("light", { "env-rotation": degrees || undefined });
+      if (done) shot.release();
+      if (done) onRelease();
+      else changed("rest");
     });
     field("shadow").addEventListener("change", () => {
       const value = field("shadow").value;

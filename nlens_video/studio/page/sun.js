@@ -1,6 +1,6 @@
 // The sun: on a disc over the picture, and by the end of the shadow that it casts on the ground.
 
-import { listed, one, onDrag, put, shape } from "./elements.js";
+import { listed, one, onDrag, onSlide, put, shape } from "./elements.js";
 
 /** @typedef {[number, number, number]} Triple */
 /** @typedef {Triple} Sun azimuth and height in degrees, strength */
@@ -26,12 +26,9 @@ export class SunHandles {
     for (const id of ["sun-handle", "shadow-tip"]) {
       /** @type {HTMLElement} */ (one(id)).addEventListener("keydown", (event) => this.key(event, id));
     }
-    for (const kind of ["input", "change"]) {
-      one("sun-strength").addEventListener(kind, () => {
-        const strength = /** @type {HTMLInputElement} */ (one("sun-strength")).valueAsNumber;
-        if (this.sun) this.onSun([this.sun[0], this.sun[1], strength], kind === "change");
-      });
-    }
+    onSlide("sun-strength", (strength, done) => {
+      if (this.sun) this.onSun([this.sun[0], this.sun[1], strength], done);
+    });
   }
 
   /**
