@@ -61,22 +61,30 @@ export function onSlide(id, moved) {
 }
 
 /**
- * Follow the pointer from where it is pressed on an element until it is lifted.
+ * Follow the pointer from where it is pressed on an element until it is lifted. A click without a motion changes nothing.
  * @param {Element} element
  * @param {(down: PointerEvent) => Moved | null} begin gives what each motion does, null where nothing is dragged
- * @param {() => void} end
+ * @param {() => void} end of a motion
+ * @param {boolean} [pressed] whether the press is a motion already
  */
-export function onDrag(element, begin, end) {
+export function onDrag(element, begin, end, pressed = false) {
   element.addEventListener("pointerdown", (event) => {
     const down = /** @type {PointerEvent} */ (event);
-    const moved = down.button ? null : begin(down);
-    if (!moved) return;
-    const move = /** @type {EventListener} */ (moved);
+    const follow = down.button ? null : begin(down);
+    if (!follow) return;
+    let moved = pressed;
+    if (pressed) follow(down);
+    /** @param {Event} event */
+    const move = (event) => {
+      const now = /** @type {PointerEvent} */ (event);
+      moved ||= now.clientX !== down.clientX || now.clientY !== down.clientY; // a pen also tells how hard it is pressed
+      if (moved) follow(now);
+    };
     element.setPointerCapture(down.pointerId);
     element.addEventListener("pointermove", move);
     element.addEventListener("lostpointercapture", () => {
       element.removeEventListener("pointermove", move);
-      end();
+      if (moved) end();
     }, { once: true });
   });
 }

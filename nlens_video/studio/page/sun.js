@@ -92,25 +92,22 @@ export class SunHandles {
 
   /** @param {HTMLElement | SVGElement} handle @param {(x: number, y: number) => Sun | null} at the sun for a place of the window */
   drag(handle, at) {
+    const button = handle instanceof HTMLElement; // which is grabbed where it is; the disc is pressed where the sun goes
     onDrag(handle, (down) => {
       if (!this.sun) return null;
       down.preventDefault();
       const box = handle.getBoundingClientRect();
-      const button = handle instanceof HTMLElement;
       const [dx, dy] = button ? [box.left + box.width / 2 - down.clientX, box.top + box.height / 2 - down.clientY] : [0, 0];
-      this.held = true;
-      /** @param {PointerEvent} event */
-      const move = (event) => {
+      if (button) handle.focus();
+      return (event) => {
+        this.held = true;
         const sun = at(event.clientX + dx, event.clientY + dy);
         if (sun) this.onSun(sun, false);
       };
-      if (button) handle.focus();
-      else move(down);
-      return move;
     }, () => {
       this.held = false;
       if (this.sun) this.onSun(this.sun, true);
-    });
+    }, !button);
   }
 
   /** @param {KeyboardEvent} event @param {string} id */

@@ -1,0 +1,52 @@
+"""What presses, clicks, fingers and the wheel do on the studio's picture."""
+
+import shutil
+
+import pytest
+from support.folders import ROOT
+from support.studio import opened, shown
+from support.studio_page import at_rest, saved
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
+SAVED = "· saved"
+
+
+def middle(handle):
+    box = handle.bounding_box()
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def test_click_on_a_handle_changes_nothing_and_gives_it_the_keys(browser, studio):
+    sun = [59.6, 40.3, 2]
+    studio.reset(light={"sun": sun}, camera={"horizon": 0.2034, "roll": 1.23})
+    with shown(browser, studio.server) as page:
+        page.locator("#hand").check()
+        handles = ["move", "scale", "turn", "horizon-handle", "roll-handle", "sun-handle",
+                   "shadow-tip"]  # fmt: skip
+        ends = page.locator("#hand-ends button").all()
+        for handle in (*(page.locator(f"#{name}") for name in handles), *ends):
+            page.mouse.click(*middle(handle))
+            assert handle.evaluate("one => one === document.activeElement")
+        page.mouse.click(*middle(page.locator("#grip")))
+        assert page.locator("#saved").text_content() == SAVED
+        assert page.locator("#undo").is_disabled()
+        x, y = middle(page.locator("#sky"))
+        left = 0.2 * page.locator("#sky").bounding_box()["width"]
+        at_rest(page, lambda: page.mouse.click(x - left, y))
+        assert saved(page, studio.shot)["light"]["sun"] == pytest.approx([-90, 54, 2], abs=2)
+        at_rest(page, lambda: page.locator("#undo").click())
+        assert saved(page, studio.shot)["light"]["sun"] == sun
+
+
+def test_click_on_the_horizon_keeps_the_camera_of_the_file(browser, tmp_path):
+    for name in ("in.mp4", "anim.glb", "in.json"):
+        shutil.copy(ROOT / "samples" / name, tmp_path / name)
+    shot = tmp_path / "shot.toml"
+    shot.write_text(
+        'version = 1\n[plate]\nfile = "in.mp4"\n[object]\nfile = "anim.glb"\n[lens]\n'
+        'fit = "in.json"\n[quality]\npreset = "draft"\n[output]\nfile = "out.mp4"\n'
+    )
+    with opened(browser, shot) as (page, _):
+        page.mouse.click(*middle(page.locator("#horizon-handle")))
+        assert page.locator("#saved").text_content() == SAVED
+        assert page.locator("#of-file").is_visible()
