@@ -5,7 +5,7 @@ import shutil
 import pytest
 from support.folders import ROOT
 from support.studio import opened, shown
-from support.studio_page import at_rest, saved
+from support.studio_page import at_rest, saved, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 SAVED = "· saved"
@@ -50,3 +50,29 @@ def test_click_on_the_horizon_keeps_the_camera_of_the_file(browser, tmp_path):
         page.mouse.click(*middle(page.locator("#horizon-handle")))
         assert page.locator("#saved").text_content() == SAVED
         assert page.locator("#of-file").is_visible()
+
+
+def test_wheel_moves_the_object_only_where_it_is_shown_as_movable(page, shot):
+    before = saved(page, shot)["place"]
+
+    def rolled():
+        page.mouse.move(*middle(page.locator("#picture")))
+        page.mouse.wheel(0, 100)
+
+    view(page, "Plate")
+    rolled()
+    assert saved(page, shot)["place"] == before
+    at_rest(page, lambda: view(page, "Focus"), "focus")
+    rolled()
+    assert saved(page, shot)["place"] == before
+    at_rest(page, lambda: view(page, "Final"))
+    page.locator("#show-guides").uncheck()
+    rolled()
+    assert saved(page, shot)["place"] == before
+    page.locator("#show-guides").check()
+    page.locator("#draw-region").click()
+    rolled()
+    assert saved(page, shot)["place"] == before
+    page.keyboard.press("Escape")
+    at_rest(page, rolled)
+    assert saved(page, shot)["place"] != before

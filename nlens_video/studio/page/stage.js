@@ -218,7 +218,8 @@ export class Stage {
   /** @param {WheelEvent} event */
   wheel(event) {
     const place = this.place();
-    if (!place || !this.guides?.keyed || event.ctrlKey) return;
+    const movable = !one("move").hidden && one("pen").hidden; // as it is shown; else the page rolls
+    if (!place || !this.guides || !movable || event.ctrlKey) return;
     event.preventDefault();
     const factor = Math.exp(WHEEL * event.deltaY * (event.deltaMode ? 30 : 1));
     this.onPlace(atDistance(place, factor, this.guides.horizon), false);
