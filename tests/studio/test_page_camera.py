@@ -7,7 +7,7 @@ import pytest
 from support import shots
 from support.command import nlens
 from support.misleading_lines import LINES, PITCH_DEG, angles_deg, plate
-from support.studio import opened, write_shot
+from support.studio import opened, shown, write_shot
 from support.studio_page import at_rest, drag, saved, seen
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
@@ -136,3 +136,14 @@ def test_two_pairs_of_lines_by_hand_set_horizon_and_field_of_view(page, shot):
     assert camera.get("roll", 0.0) == pytest.approx(0.0, abs=0.5)
     at_rest(page, lambda: page.locator("#own-horizon").uncheck())
     assert "camera" not in saved(page, shot)
+
+
+def test_slider_of_the_horizon_keeps_the_roll_and_that_of_the_roll_the_horizon(browser, studio):
+    given = {"horizon": 0.3034, "roll": 1.23}
+    shot = studio.reset(camera=given)
+    with shown(browser, studio.server) as page:
+        at_rest(page, lambda: page.locator("#roll").press("ArrowRight"))
+        assert saved(page, shot)["camera"] == {"horizon": 0.3034, "roll": 1.5}
+        at_rest(page, lambda: page.locator("#undo").click())
+        at_rest(page, lambda: page.locator("#horizon").press("ArrowRight"))
+        assert saved(page, shot)["camera"] == {"horizon": 0.31, "roll": 1.23}

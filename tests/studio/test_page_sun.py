@@ -134,3 +134,12 @@ def test_a_sun_that_is_switched_on_begins_where_the_plate_tells_it(browser, stud
         assert told is not None
         at_rest(page, lambda: page.locator("#sun").check())
         assert sun_of(studio.shot, page) == [int(told[1]), int(told[2]), 2]
+
+
+def test_a_slider_keeps_what_the_others_can_only_show_rounded(browser, studio):
+    studio.reset(**(LIT | {"light": {"sun": [120.4, 40.3, 12]}}))
+    with shown(browser, studio.server) as page:
+        at_rest(page, lambda: page.locator("#azimuth").press("ArrowRight"))
+        assert sun_of(studio.shot, page) == [121, 40.3, 12]
+        at_rest(page, lambda: page.locator("#elevation").press("ArrowRight"))
+        assert sun_of(studio.shot, page) == [121, 41, 12]

@@ -29,9 +29,8 @@ export class CameraPanel {
     }, () => stage.overlay());
     this.hand = new HandLines((lines, done) => this.solve(lines, done));
     field("own-horizon").addEventListener("change", () => this.own(field("own-horizon").checked));
-    for (const id of ["horizon", "roll"]) {
-      onSlide(id, (_, done) => this.put(field("horizon").valueAsNumber, done, field("roll").valueAsNumber));
-    }
+    onSlide("horizon", (row, done) => this.put(row, done));
+    onSlide("roll", (steep, done) => this.put(shot.get("camera", "horizon"), done, steep));
     field("hand").addEventListener("change", () => {
       this.hand.shown = field("hand").checked;
       one("hand-help").hidden = !this.hand.shown;
@@ -80,7 +79,7 @@ export class CameraPanel {
    * The horizon at a row, above the object; the object is placed then.
    * @param {number} row in the middle of the frame
    * @param {boolean} done
-   * @param {number} [steep] its roll in degrees; without it as it is
+   * @param {number} [steep] its roll in degrees; without it as the shot or else the picture has it
    * @param {number} [fov]
    */
   put(row, done, steep, fov) {
@@ -90,10 +89,14 @@ export class CameraPanel {
     const known = stage.guides?.horizon;
     const at = (objects.keyed("at") ? null : objects.table["at"]) ?? now?.at ?? FIRST_PLACE.at;
     shot.hold();
-    const roll = rounded(Math.max(-MOST_ROLL, Math.min(MOST_ROLL, steep ?? (known ? rollOf(known, aspect) : 0))), 1);
+    const { horizon: ownRow, roll: ownRoll = 0 } = shot.tables["camera"] ?? {};
+    const wanted = steep ?? (known ? rollOf(known, aspect) : 0);
+    const roll = steep === undefined && ownRow !== undefined ? ownRoll
+      : rounded(Math.max(-MOST_ROLL, Math.min(MOST_ROLL, wanted)), 1);
     const [left, right] = horizonOf(0, roll, aspect);
     const lowest = at[1] - LEAST_BELOW - left - (right - left) * at[0];
-    const horizon = rounded(Math.max(-0.5, Math.min(row, lowest)), 3);
+    const above = Math.max(-0.5, Math.min(row, lowest));
+    const horizon = above === ownRow ? ownRow : rounded(above, 3);
     const wider = fov === undefined ? {} : { fov: rounded(fov, 2) };
     shot.set("camera", { horizon, roll: roll || undefined, ...wider });
     if (!objects.keyed("at")) objects.write({ at });

@@ -28,8 +28,12 @@ export class LightPanel {
       shot.set("light", { sun: field("sun").checked ? [...(this.found ?? GUESS), STRENGTH] : undefined });
       changed("rest");
     });
-    const given = () => /** @type {Sun} */ (SUN.map((id) => field(id).valueAsNumber));
-    for (const id of SUN) onSlide(id, (_, done) => this.put(given(), done));
+    SUN.forEach((id, at) => onSlide(id, (value, done) => {
+      const [azimuth, height, strength = STRENGTH] = this.given ?? []; // whose sliders may show it rounded
+      const sun = [azimuth, height, strength];
+      sun[at] = value;
+      this.put(/** @type {Sun} */ (sun), done);
+    }));
     field("around").addEventListener("change", () => {
       const map = field("around").value || undefined;
       const turn = map && shot.get("light", "env-rotation");
@@ -56,9 +60,15 @@ export class LightPanel {
     return named === "plate" ? "" : named;
   }
 
+  /** The sun that the shot gives. @returns {number[] | undefined} */
+  get given() {
+    const told = this.shot.get("light", "sun");
+    return told === "none" ? undefined : told;
+  }
+
   /** Show what the shot says. */
   show() {
-    const told = this.shot.get("light", "sun"), sun = told === "none" ? undefined : told;
+    const sun = this.given;
     field("sun").checked = sun !== undefined;
     one("sun-rows").hidden = sun === undefined;
     if (sun) SUN.forEach((id, at) => setUnlessTyping(id, sun[at] ?? STRENGTH));
