@@ -69,3 +69,33 @@ def test_object_follows_its_keys_after_a_slider_that_is_let_go_where_it_began(br
         page.locator("#move[style*='left: 60%']").wait_for(timeout=WAIT_MS)
         at_rest(page, lambda: page.locator("#move").press("ArrowRight"))
         assert saved(page, shot)["object"][0]["key"][1] == {"frame": 3, "at": [0.602, 0.7]}
+
+
+@pytest.mark.parametrize("by", ["keys", "button"])
+def test_undo_right_after_the_wheel_takes_back_the_wheel_alone(page, shot, by):
+    at_rest(page, lambda: page.locator("#move").press("ArrowRight"))
+    before = saved(page, shot)["place"]
+    page.locator("#move").hover()
+    page.mouse.wheel(0, 100)
+    page.get_by_text("· not saved", exact=True).wait_for()
+    if by == "keys":
+        page.keyboard.press("Control+z")
+    else:
+        page.locator("#undo").click()
+    page.wait_for_timeout(400)  # longer than the wheel waits for more
+    assert saved(page, shot)["place"] == before
+    assert page.locator("#redo").is_enabled()
+    at_rest(page, lambda: page.keyboard.press("Control+y"))
+    assert saved(page, shot)["place"]["size"] > before["size"]
+
+
+def test_undo_during_a_drag_takes_back_the_drag_and_not_the_step_before(page, shot):
+    at_rest(page, lambda: page.locator("#move").press("ArrowRight"))
+    page.locator("#move").hover()
+    box = page.locator("#move").bounding_box()
+    page.mouse.down()
+    page.mouse.move(box["x"] + 60, box["y"] + 12)
+    assert float(page.locator("#at-x").input_value()) > 0.42
+    page.keyboard.press("Control+z")
+    assert page.locator("#at-x").input_value() == "0.402"
+    page.mouse.up()

@@ -85,6 +85,7 @@ export class Shot {
   }
 
   undo() {
+    this.release();
     const before = this.past.pop();
     if (before === undefined) return;
     this.future.push(JSON.stringify(this.tables));
@@ -92,6 +93,7 @@ export class Shot {
   }
 
   redo() {
+    this.release();
     const after = this.future.pop();
     if (after === undefined) return;
     this.past.push(JSON.stringify(this.tables));

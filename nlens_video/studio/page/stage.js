@@ -12,6 +12,7 @@ const TURN_DEG = 0.5; // a pixel of a drag
 const HORIZON_COLUMN = 0.05; // of the horizon's handle
 const ROLL_COLUMN = 0.7; // of the one that tilts it about the middle of the frame
 const WHEEL = 0.0012; // logarithm of the distance by a unit of the wheel
+const WHEEL_REST_MS = 250; // after which a step of the wheel ends
 
 export class Stage {
   /**
@@ -59,6 +60,9 @@ export class Stage {
       return [row, Math.max(-45, Math.min(45, (Math.atan(steep) * 180) / Math.PI))];
     });
     this.element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
+    for (const kind of ["keydown", "pointerdown"]) { // before what these do, such as undo
+      window.addEventListener(kind, () => this.endWheel(), { capture: true });
+    }
     for (const id of HANDLES) {
       one(id).addEventListener("keydown", (event) => this.key(/** @type {KeyboardEvent} */ (event), id));
     }
@@ -224,10 +228,16 @@ export class Stage {
     const factor = Math.exp(WHEEL * event.deltaY * (event.deltaMode ? 30 : 1));
     this.onPlace(atDistance(place, factor, this.guides.horizon), false);
     window.clearTimeout(this.wheelTimer);
-    this.wheelTimer = window.setTimeout(() => {
-      const rest = this.place();
-      if (rest) this.onPlace(rest, true);
-    }, 250);
+    this.wheelTimer = window.setTimeout(() => this.endWheel(), WHEEL_REST_MS);
+  }
+
+  /** End the step of the wheel, where one is not ended yet. */
+  endWheel() {
+    if (this.wheelTimer === undefined) return;
+    window.clearTimeout(this.wheelTimer);
+    this.wheelTimer = undefined;
+    const rest = this.place();
+    if (rest) this.onPlace(rest, true);
   }
 
   /** @param {KeyboardEvent} event @param {string} id */
