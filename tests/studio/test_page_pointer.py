@@ -5,7 +5,7 @@ import shutil
 import pytest
 from support.folders import ROOT
 from support.studio import opened, shown
-from support.studio_page import at_rest, saved, view
+from support.studio_page import at_rest, drag, saved, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 SAVED = "· saved"
@@ -76,3 +76,36 @@ def test_wheel_moves_the_object_only_where_it_is_shown_as_movable(page, shot):
     page.keyboard.press("Escape")
     at_rest(page, rolled)
     assert saved(page, shot)["place"] != before
+
+
+def test_second_finger_leaves_the_drag_of_the_first_as_it_is(browser, studio, shot):
+    with shown(browser, studio.server, has_touch=True) as page:
+        hand = page.context.new_cdp_session(page)
+        width = page.locator("#picture").bounding_box()["width"]
+        box, (_, y) = page.locator("#grip").bounding_box(), middle(page.locator("#grip"))
+        first, second = (box["x"] + part * box["width"] for part in (0.3, 0.7))
+
+        def touch(kind, **fingers):
+            points = [{"x": x, "y": y, "id": int(name[1:])} for name, x in fingers.items()]
+            hand.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+            page.wait_for_timeout(100)  # motions of fingers wait for the next frame
+
+        def is_moved_by(way):
+            where = float(page.locator("#at-x").input_value())
+            return where == pytest.approx(0.4 + way / width, abs=1e-3)
+
+        touch("touchStart", f0=first)
+        touch("touchMove", f0=first + 20)
+        assert is_moved_by(20)
+        touch("touchStart", f0=first + 20, f1=second)
+        touch("touchMove", f0=first + 20, f1=second + 9)
+        assert is_moved_by(20)
+        touch("touchMove", f0=first + 60)  # a finger that is not named is lifted
+        assert is_moved_by(60)
+        at_rest(page, lambda: touch("touchEnd"))
+        at = saved(page, shot)["place"]["at"]
+        assert at == pytest.approx([0.4 + 60 / width, 0.8], abs=1e-3)
+        at_rest(page, lambda: page.locator("#undo").click())
+        assert saved(page, shot)["place"]["at"] == [0.4, 0.8]
+        at_rest(page, lambda: drag(page, page.locator("#scale"), 0.0, -0.1))
+        assert saved(page, shot)["place"]["size"] > 0.35

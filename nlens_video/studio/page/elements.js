@@ -60,6 +60,8 @@ export function onSlide(id, moved) {
   for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, end);
 }
 
+let dragging = false; // by one pointer at a time: other fingers are left aside meanwhile
+
 /**
  * Follow the pointer from where it is pressed on an element until it is lifted. A click without a motion changes nothing.
  * @param {Element} element
@@ -70,21 +72,26 @@ export function onSlide(id, moved) {
 export function onDrag(element, begin, end, pressed = false) {
   element.addEventListener("pointerdown", (event) => {
     const down = /** @type {PointerEvent} */ (event);
-    const follow = down.button ? null : begin(down);
+    const follow = down.button || dragging ? null : begin(down);
     if (!follow) return;
     let moved = pressed;
     if (pressed) follow(down);
-    /** @param {Event} event */
-    const move = (event) => {
+    const over = new AbortController();
+    /** @param {string} kind @param {Moved} act */
+    const on = (kind, act) => element.addEventListener(kind, (event) => {
       const now = /** @type {PointerEvent} */ (event);
+      if (now.pointerId === down.pointerId) act(now);
+    }, { signal: over.signal });
+    element.setPointerCapture(down.pointerId);
+    dragging = true;
+    on("pointermove", (now) => {
       moved ||= now.clientX !== down.clientX || now.clientY !== down.clientY; // a pen also tells how hard it is pressed
       if (moved) follow(now);
-    };
-    element.setPointerCapture(down.pointerId);
-    element.addEventListener("pointermove", move);
-    element.addEventListener("lostpointercapture", () => {
-      element.removeEventListener("pointermove", move);
+    });
+    on("lostpointercapture", () => {
+      dragging = false;
+      over.abort();
       if (moved) end();
-    }, { once: true });
+    });
   });
 }
