@@ -10,6 +10,13 @@ from support.studio_page import at_rest, canvas, plate_seen, saved, seen, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
 
+LINE_OF_THE_WIPE = """picture => {
+    const row = picture.getContext("2d").getImageData(0, 9, picture.width, 1).data;
+    const white = [...Array(picture.width).keys()].filter(
+        at => row.slice(4 * at, 4 * at + 3).every(value => value === 255));
+    return white.reduce((sum, at) => sum + (at + 0.5), 0) / white.length / picture.width;
+}"""
+
 
 @pytest.fixture
 def blurred(browser, studio):
@@ -56,6 +63,23 @@ def test_wipe_and_beside_compare_final_sharp_and_plate(blurred):
         left, right = canvas(page, "#beside"), seen(page)
         assert left.shape[1] < 0.55 * final.shape[1]
         assert differs(left, right[: left.shape[0], : left.shape[1]]) > 0.001
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+def test_line_of_the_wipe_is_under_the_pointer(browser, studio, shot, scale):
+    with shown(browser, studio.server, device_scale_factor=scale) as page:
+        compare(page, "wipe plate")
+        page.locator("#show-guides").uncheck()
+        frame, slider = (page.locator(name).bounding_box() for name in ("#picture", "#wipe"))
+        row = slider["y"] + slider["height"] / 2
+        page.mouse.move(frame["x"] + frame["width"] / 2, row)
+        page.mouse.down()
+        for part in (0.0, 0.02, 0.103, 0.5, 0.777, 0.98, 1.0):
+            page.mouse.move(frame["x"] + part * frame["width"], row)
+            line = page.locator("#picture").evaluate(LINE_OF_THE_WIPE)
+            pixels = frame["width"] * abs(line - part)
+            assert pixels < 1.5, (part, line)
+        page.mouse.up()
 
 
 def test_region_that_is_drawn_is_the_one_that_the_lens_is_fitted_on(browser, studio, tmp_path):
