@@ -147,3 +147,16 @@ def test_slider_of_the_horizon_keeps_the_roll_and_that_of_the_roll_the_horizon(b
         at_rest(page, lambda: page.locator("#undo").click())
         at_rest(page, lambda: page.locator("#horizon").press("ArrowRight"))
         assert saved(page, shot)["camera"] == {"horizon": 0.31, "roll": 1.23}
+
+
+def test_end_of_a_line_by_hand_that_is_grabbed_beside_its_middle_does_not_jump(page):
+    page.locator("#hand").check()
+    end = page.locator("#hand-ends button").first
+    before = end.bounding_box()
+    page.mouse.move(before["x"] + 4, before["y"] + 12)
+    page.mouse.down()
+    page.mouse.move(before["x"] + 9, before["y"] + 15)
+    after = end.bounding_box()
+    page.mouse.up()
+    assert after["x"] - before["x"] == pytest.approx(5, abs=0.1)
+    assert after["y"] - before["y"] == pytest.approx(3, abs=0.1)

@@ -218,9 +218,12 @@ export class HandLines {
     handle.type = "button";
     handle.className = `handle end ${at < 2 ? "first" : "second"}`;
     handle.setAttribute("aria-label", `End ${end + 1} of line ${1 + (at % 2)} of the ${at < 2 ? "first" : "second"} pair. Arrow keys move it, with Shift farther.`);
-    onDrag(handle, () => (event) => {
-      const frame = one("stage").getBoundingClientRect();
-      this.put(at, end, (event.clientX - frame.left) / frame.width, (event.clientY - frame.top) / frame.height, false);
+    onDrag(handle, (down) => {
+      const [x = 0, y = 0] = this.lines[at]?.slice(2 * end) ?? [];
+      return (event) => {
+        const frame = one("stage").getBoundingClientRect();
+        this.put(at, end, x + (event.clientX - down.clientX) / frame.width, y + (event.clientY - down.clientY) / frame.height, false);
+      };
     }, () => this.onLines(this.lines, true));
     handle.addEventListener("keydown", (event) => {
       const way = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
