@@ -156,3 +156,30 @@ def test_times_of_the_nodes_are_shown_against_the_budget(browser, studio):
         assert len(rows) > 2  # the sum, the nodes below a millisecond, and some above
         times = [float(row.split()[-2]) for row in rows if "once" not in row]
         assert sum(times[1:]) == pytest.approx(times[0], abs=0.6 * len(times))
+
+
+def test_region_is_closed_by_a_double_click_or_enter_with_an_area_alone(page, shot):
+    def at(x, y):
+        box = page.locator("#picture").bounding_box()
+        return box["x"] + x * box["width"], box["y"] + y * box["height"]
+
+    button = page.locator("#draw-region")
+    square = [0.2, 0.6, 0.8, 0.6, 0.8, 0.95, 0.2, 0.95]
+    button.click()
+    for x, y in ((0.2, 0.6), (0.8, 0.6), (0.8, 0.95)):
+        page.mouse.click(*at(x, y))
+    at_rest(page, lambda: page.mouse.dblclick(*at(0.2, 0.95)))
+    assert saved(page, shot)["lens"]["fit-region"] == pytest.approx(square, abs=3e-3)
+    page.locator("#clear-region").focus()
+    at_rest(page, lambda: page.keyboard.press("Enter"))
+    assert button.evaluate("one => one === document.activeElement")
+    page.keyboard.press("Enter")  # begins to draw
+    page.mouse.click(*at(0.2, 0.6))
+    page.mouse.dblclick(*at(0.8, 0.6))
+    assert button.get_attribute("aria-pressed") == "true"  # two corners are no region yet
+    assert "fit-region" not in saved(page, shot)["lens"]
+    page.mouse.click(*at(0.8, 0.95))
+    button.focus()
+    at_rest(page, lambda: page.keyboard.press("Enter"))
+    assert button.get_attribute("aria-pressed") == "false"
+    assert saved(page, shot)["lens"]["fit-region"] == pytest.approx(square[:6], abs=3e-3)

@@ -7,6 +7,7 @@ import { field, listed, one, setUnlessTyping } from "./elements.js";
 const DRAGGED_PX = 6; // a shorter way is a click, which sets a corner
 const CLOSING_PX = 14; // a click so near to the first corner closes the polygon
 const DIGITS = 3;
+const LEAST_AREA = 1e-7; // of the frame: less than corners of that many digits have
 
 class RegionPen {
   /** @param {(numbers: number[] | null) => void} onRegion takes the drawn region, null where drawing was given up */
@@ -27,7 +28,7 @@ class RegionPen {
     document.addEventListener("keydown", (event) => {
       if (this.pen.hidden) return;
       if (event.key === "Escape") this.end(null);
-      else if (event.key === "Enter") this.close();
+      else if (event.key === "Enter" && this.close()) event.preventDefault(); // else the button begins anew
     });
   }
 
@@ -45,8 +46,11 @@ class RegionPen {
     this.onRegion(numbers);
   }
 
+  /** End with the corners where they have an area. @returns {boolean} whether they do */
   close() {
-    if (this.corners.length > 2) this.end(this.corners.flat());
+    const closed = spread(this.corners);
+    if (closed) this.end(this.corners.flat());
+    return closed;
   }
 
   /** @param {PointerEvent} event */
@@ -77,14 +81,19 @@ class RegionPen {
       return;
     }
     const point = this.at(event);
-    const [first] = this.corners;
-    const frame = this.pen.getBoundingClientRect();
-    if (first && Math.hypot((first[0] - point[0]) * frame.width, (first[1] - point[1]) * frame.height) < CLOSING_PX) {
+    if (this.near(this.corners[0], point, CLOSING_PX)) {
       this.close();
       return;
     }
+    if (this.near(this.corners.at(-1), point, DRAGGED_PX)) return; // the second click of two
     this.corners.push(point);
     this.show(this.corners);
+  }
+
+  /** @param {Point | undefined} corner @param {Point} point @param {number} pixels */
+  near(corner, point, pixels) {
+    const frame = this.pen.getBoundingClientRect();
+    return corner && Math.hypot((corner[0] - point[0]) * frame.width, (corner[1] - point[1]) * frame.height) < pixels;
   }
 
   /** Fractions of the frame. @param {{clientX: number, clientY: number}} event @returns {Point} */
@@ -120,7 +129,10 @@ export class RegionPanel {
       if (numbers) this.set(numbers);
     });
     one("draw-region").addEventListener("click", () => this.draw());
-    one("clear-region").addEventListener("click", () => this.set(undefined));
+    one("clear-region").addEventListener("click", () => {
+      one("draw-region").focus(); // the button goes away
+      this.set(undefined);
+    });
     field("region").addEventListener("change", () => this.read());
   }
 
@@ -178,6 +190,13 @@ export function corners(numbers) {
   const [x0 = 0, y0 = 0, x1 = 0, y1 = 0] = numbers;
   if (numbers.length === 4) return [[x0, y0], [x1, y0], [x1, y1], [x0, y1]];
   return numbers.flatMap((x, at) => (at % 2 ? [] : [/** @type {Point} */ ([x, numbers[at + 1] ?? 0])]));
+}
+
+/** Whether corners do not all lie on one line. @param {Point[]} corners */
+function spread([first, second, ...rest]) {
+  if (!first || !second) return false;
+  const [x, y] = [second[0] - first[0], second[1] - first[1]];
+  return rest.some((corner) => Math.abs(x * (corner[1] - first[1]) - y * (corner[0] - first[0])) > LEAST_AREA);
 }
 
 /** @param {number} value */
