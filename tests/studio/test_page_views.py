@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from support.command import nlens
-from support.studio import shown
+from support.studio import WAIT_MS, shown
 from support.studio_page import at_rest, canvas, plate_seen, saved, seen, view
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs_chromium]
@@ -80,6 +80,25 @@ def test_line_of_the_wipe_is_under_the_pointer(browser, studio, shot, scale):
             pixels = frame["width"] * abs(line - part)
             assert pixels < 1.5, (part, line)
         page.mouse.up()
+
+
+def test_controls_agree_with_the_picture_after_the_browser_goes_back(page):
+    final = seen(page)
+    page.locator("#hand").check()
+    compare(page, "wipe sharp")
+    page.locator("#wipe").fill("20")
+    page.locator("#show-guides").uncheck()
+    view(page, "Plate")
+    page.goto("about:blank")
+    page.go_back()
+    page.wait_for_selector("body[data-kind=rest]", timeout=WAIT_MS)
+    assert page.locator("input[name=view]:checked").get_attribute("value") == "final"
+    assert page.locator("#compare").input_value() == ""
+    assert page.locator("#wipe").input_value() == "50"
+    assert page.locator("#wipe").is_hidden() and page.locator("#hand-ends").is_hidden()
+    assert not page.locator("#hand").is_checked() and page.locator("#show-guides").is_checked()
+    assert page.locator("#move").is_visible()
+    np.testing.assert_array_equal(seen(page), final)
 
 
 def test_region_that_is_drawn_is_the_one_that_the_lens_is_fitted_on(browser, studio, tmp_path):
