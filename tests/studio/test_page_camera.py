@@ -74,6 +74,7 @@ def test_lines_that_are_left_out_are_left_out_of_the_solve(browser, tmp_path):
         at_rest(page, lambda: page.mouse.click(*at(page, *hit)))
         assert len(saved(page, shot)["camera"]["ignore-lines"]) == 4
         at_rest(page, lambda: page.locator("#all-lines").click())
+        assert page.evaluate("document.activeElement.id") == "show-found"  # not lost with it
         assert "camera" not in saved(page, shot)
         # one by keys
         page.locator("#line").focus()

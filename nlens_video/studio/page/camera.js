@@ -32,7 +32,10 @@ export class PlateLines {
     this.shown = false;
     /** @type {Line | null} */
     this.chosen = null;
-    one("all-lines").addEventListener("click", () => this.onIgnored([]));
+    one("all-lines").addEventListener("click", () => {
+      one("show-found").focus(); // the button goes away
+      this.onIgnored([]);
+    });
     one("line").addEventListener("change", () => this.choose());
     one("toggle-line").addEventListener("click", () => {
       if (this.chosen) this.toggle([this.chosen]);
