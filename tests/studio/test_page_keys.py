@@ -169,7 +169,7 @@ def test_click_on_a_handle_writes_nothing(browser, tmp_path):
     shots.camera_json(tmp_path / "cam.json", scale="metres")
     with opened(browser, shot) as (page, _):
         for handle in ("#move", "#scale", "#turn"):
-            click(page, handle)
+            page.locator(handle).click()
             assert saved(page, shot)["place"] == place
         at_rest(page, lambda: drag(page, page.locator("#move"), 0.1, -0.1))
         moved = saved(page, shot)["place"]
