@@ -153,12 +153,12 @@ class ShotState:
         return self._revision
 
     def result(self, tables: Tables) -> Path | None:
-        """Where the result is written; None where that is no file.
+        """Where a render writes its result; None where that is no file.
 
         Raises:
-            UsageError: as `settings`.
+            NlensError: the command line would not run it.
         """
-        self._words(tables)
+        self._check_run(tables)
         return files_by(tables, self.path).get("output")
 
     def environments(self) -> list[str]:
