@@ -356,7 +356,6 @@ def test_interrupt_after_the_result_is_complete_says_so(files, tmp_path, monkeyp
     assert out.exists()
 
 
-@pytest.mark.skipif(os.name == "nt", reason="POSIX signals")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_signal_while_the_summary_is_shown_does_not_fail_the_run(files, tmp_path, name):
     out = tmp_path / "out.mp4"

@@ -271,7 +271,8 @@ def test_result_shown_is_that_of_the_last_render_whatever_the_shot_names_now(tmp
     with running(shot) as server, server.live() as live:
         assert server.get("/result")[0] == 404
         assert rendered(server, live, TABLES)[1]["render"] == "done"
-        assert server.get("/save", method="POST", body={**TABLES, "output": {"file": "other.mp4"}})
+        named = {**TABLES, "output": {"file": "other.mp4"}}
+        assert server.get("/save", method="POST", body=named)[0] == 200
         assert server.get("/result") == (200, (tmp_path / "out.mp4").read_bytes())
 
 

@@ -31,7 +31,6 @@ def test_samples_of_a_plate_of_any_depth_are_kept(tmp_path, pixel_format):
     assert_same(tmp_path / "out.y4m", plate)
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 def test_deep_pictures_go_through_a_named_pipe(tmp_path):
     made = [noise_frame(64, 48, "yuv422p10le", seed) for seed in range(3)]
     plate = write_clip(tmp_path / "in.mkv", made)

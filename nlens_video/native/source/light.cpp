@@ -13,9 +13,9 @@ namespace {
 constexpr float kPi = std::numbers::pi_v<float>;
 constexpr int kLevels = 4;  // of a surround, for roughnesses up to kRoughest
 
-// What a point reflects of light from a unit direction. `in_levels`: share of what it mirrors that levels
-// give.
-inline Vector reflected(const Block& block, int i, const Ray& ray, float in_levels) {
+// What a point reflects of light from a unit direction. `by_levels`: share of what it mirrors of the light
+// around that the levels give.
+inline Vector reflected(const Block& block, int i, const Ray& ray, float by_levels) {
     const Vector n = get(block.normal, i), v = get(block.view, i), l = ray.toward;
     const float nl = larger(dot(n, l), 0.0f);
     const float nv = larger(std::fabs(dot(n, v)), 1e-4f);
@@ -35,7 +35,7 @@ inline Vector reflected(const Block& block, int i, const Ray& ray, float in_leve
     const Vector f{to_edge(f0.x), to_edge(f0.y), to_edge(f0.z)};
     const float plastic = 1.0f - metallic;
     const float diffuse = plastic * (1.0f - larger(f.x, larger(f.y, f.z))) * (1.0f / kPi);
-    const float left = lobe * (1.0f - ray.in_levels * in_levels);
+    const float left = lobe * (1.0f - ray.in_levels * by_levels);
     const float shine = left * plastic, gleam = left * metallic;
     const auto channel = [&](float b, float fresnel) {
         return diffuse * b + shine * fresnel + gleam * (b + (1.0f - b) * grazing);
@@ -44,18 +44,18 @@ inline Vector reflected(const Block& block, int i, const Ray& ray, float in_leve
             nl * ray.light.z * channel(base.z, f.z)};
 }
 
-void light_by_sun(Block& block, const float* lamp, const float* visible, const float* in_levels) {
+void light_by_sun(Block& block, const float* lamp, const float* visible, const float* by_levels) {
     const Ray ray = from_sun(lamp);
     for (int i = 0; i < kPoints; ++i)
-        set(block.light, i, get(block.light, i) + reflected(block, i, ray, in_levels[i]) * visible[i]);
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray, by_levels[i]) * visible[i]);
 }
 
-void light_by_lamp(Block& block, const float* row, const float* visible, const float* in_levels) {
+void light_by_lamp(Block& block, const float* row, const float* visible, const float* by_levels) {
     float lamp[16];
     std::copy_n(row, 16, lamp);
     for (int i = 0; i < kPoints; ++i) {
         const Ray ray = from_lamp(lamp, get(block.view, i), block.distance[i]);
-        set(block.light, i, get(block.light, i) + reflected(block, i, ray, in_levels[i]) * visible[i]);
+        set(block.light, i, get(block.light, i) + reflected(block, i, ray, by_levels[i]) * visible[i]);
     }
 }
 

@@ -14,7 +14,7 @@ from nlens_video.video.info import SourceFrame, SourceInfo
 from nlens_video.video.times.start import begins_at_zero
 
 _LONGEST_DELAY_S = 60  # from decoding to display, beyond what gaps between frames add
-_LONGEST_GAP_S = 3600
+_LONGEST_GAP_S = 3600  # a longer one is a wrong time
 _SEEN_STEPS = 1  # by which pictures of uneven times may be late unsaid [1]
 _FINEST = 1_000_000
 """Most ticks in a second; rates that need more are estimates [1/s]."""
