@@ -13,7 +13,7 @@ import numpy as np
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
-from nlens_video.scene.surround import Surround, heights_of_rows, reduced
+from nlens_video.scene.surround import Surround, reduced, sphere
 
 _HEADER = 4096  # bytes of a .hdr file in which its size stands
 _SIZE = re.compile(rb"\n[-+]Y +(\d+) +[-+]X +(\d+)\n")
@@ -73,17 +73,16 @@ def reduce_environment(
     """
     small = reduced(radiance, _WIDTH)
     light = small.astype(np.float64) * 2.0**exposure_ev
-    rows, columns = small.shape[:2]
-    sphere = _Sphere.of(rows, columns, math.radians(rotation_deg))
+    grid = _Grid(*sphere(small.shape[1], math.radians(rotation_deg)))
     bright = light @ LUMINANCE
-    mean = float((bright * sphere.solid_angle).sum()) / (4.0 * math.pi)
+    mean = float((bright * grid.solid_angle).sum()) / (4.0 * math.pi)
     limit = _PEAK * mean
     above = bright > max(limit, 0.0)
     kept = np.divide(limit, bright, out=np.ones_like(bright), where=above)[..., None]
-    peaks = light * (1.0 - kept) * sphere.solid_angle[..., None]
+    peaks = light * (1.0 - kept) * grid.solid_angle[..., None]
     parts = []
     if float((peaks @ LUMINANCE).sum()) > _FAINT * 4.0 * math.pi * mean:
-        parts = _median_cut(peaks, sphere)
+        parts = _median_cut(peaks, grid)
     else:
         kept = np.ones_like(kept)
     rest = light * kept
@@ -96,24 +95,15 @@ def reduce_environment(
                 shown[part.pixels] = light[part.pixels]
             lamps.append(part.lamp(peaks, in_surround=wide))
     surround = Surround(shown.astype(np.float32), math.radians(rotation_deg))
-    return Illumination(tuple(lamps), sphere.harmonics(rest), surround=surround)
+    return Illumination(tuple(lamps), grid.harmonics(rest), surround=surround)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sphere:
+class _Grid:
     """Direction (h, w, 3) and solid angle (h, w) [sr] of each pixel."""
 
     directions: Float64
     solid_angle: Float64
-
-    @classmethod
-    def of(cls, height: int, width: int, turn: float) -> _Sphere:
-        up = math.pi * (0.5 - (np.arange(height) + 0.5) / height)[:, None]
-        round_ = 2.0 * math.pi * ((np.arange(width) + 0.5) / width - 0.5)[None] - turn
-        x, z = np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_)
-        directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
-        area = heights_of_rows(height) * (2.0 * math.pi / width)
-        return cls(directions, np.repeat(area[:, None], width, axis=1))
 
     def harmonics(self, light: Float64) -> Float64:
         """Irradiance / pi (9, 3) of radiance (h, w, 3), as `Illumination.ambient` holds it."""
@@ -123,13 +113,13 @@ class _Sphere:
         )
 
 
-def _median_cut(peaks: Float64, sphere: _Sphere) -> list[_Part]:
+def _median_cut(peaks: Float64, grid: _Grid) -> list[_Part]:
     """Parts of the energy (h, w, 3) of the peaks; the widest part is halved first."""
     bright = peaks @ LUMINANCE
-    parts = [_Part.of(bright, sphere, (0, 0, *bright.shape))]
+    parts = [_Part.of(bright, grid, (0, 0, *bright.shape))]
     while len(parts) < _MAX_LIGHTS:
         widest = max(parts, key=lambda part: part.diameter * part.energy)
-        halves = [] if widest.diameter < _SMALL else widest.halved(bright, sphere)
+        halves = [] if widest.diameter < _SMALL else widest.halved(bright, grid)
         if len(halves) < 2:
             break
         parts.remove(widest)
@@ -172,11 +162,11 @@ class _Part:
     resultant: Float64
 
     @classmethod
-    def of(cls, bright: Float64, sphere: _Sphere, area: tuple[int, int, int, int]) -> _Part:
+    def of(cls, bright: Float64, grid: _Grid, area: tuple[int, int, int, int]) -> _Part:
         y0, x0, y1, x1 = area
         weight = bright[y0:y1, x0:x1]
         energy = float(weight.sum())
-        middle = np.einsum("hw,hwc->c", weight, sphere.directions[y0:y1, x0:x1])
+        middle = np.einsum("hw,hwc->c", weight, grid.directions[y0:y1, x0:x1])
         if energy <= 0.0 or not middle.any():
             return cls(area, energy, np.array([0.0, 1.0, 0.0]))
         return cls(area, energy, middle / energy)
@@ -208,11 +198,11 @@ class _Part:
         posed = replace(sun(color, -self.direction), in_surround=in_surround)
         return Lamp(posed, self.diameter)
 
-    def halved(self, bright: Float64, sphere: _Sphere) -> list[_Part]:
+    def halved(self, bright: Float64, grid: _Grid) -> list[_Part]:
         """Two parts of nearly equal energy, cut across the longer side; fewer if there is none."""
         y0, x0, y1, x1 = self.area
         weight = bright[y0:y1, x0:x1]
-        shrink = float(sphere.solid_angle[y0:y1].mean() / sphere.solid_angle.max())
+        shrink = float(grid.solid_angle[y0:y1].mean() / grid.solid_angle.max())
         across = (x1 - x0) * shrink > (y1 - y0)
         sums = np.cumsum(weight.sum(axis=0 if across else 1))
         if len(sums) < 2:
@@ -222,7 +212,7 @@ class _Part:
             areas = [(y0, x0, y1, x0 + cut), (y0, x0 + cut, y1, x1)]
         else:
             areas = [(y0, x0, y0 + cut, x1), (y0 + cut, x0, y1, x1)]
-        parts = [_Part.of(bright, sphere, area) for area in areas]
+        parts = [_Part.of(bright, grid, area) for area in areas]
         return [part for part in parts if part.energy > 0.0]
 
 

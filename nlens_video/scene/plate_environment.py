@@ -17,7 +17,7 @@ import numpy as np
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp
-from nlens_video.scene.surround import heights_of_rows
+from nlens_video.scene.surround import sphere
 
 COLUMNS = 128
 """Of the map, which has half as many rows: 2.8 degrees each."""
@@ -118,17 +118,6 @@ def plate_environment(
     between = np.sqrt(np.maximum(spread, 0.0) * radiance)  # neither tells how bright it is there
     beyond = spread + (1.0 - share) * (between - spread)
     return radiance, np.where(open_, beyond, light).astype(np.float32)
-
-
-def sphere(columns: int) -> tuple[Float64, Float64]:
-    """Directions (h, w, 3) and solid angles (h, w) [sr] of a map's pixels; its middle is +X."""
-    rows = columns // 2
-    up = math.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
-    turn = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None]
-    x, z = np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn)
-    directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
-    area = heights_of_rows(rows) * (2.0 * math.pi / columns)
-    return directions, np.repeat(area[:, None], columns, axis=1)
 
 
 def _ground_radiance(plate: Float32, camera: Camera, seat: Seat) -> Float64:

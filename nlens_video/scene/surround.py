@@ -89,16 +89,14 @@ class Surround:
     def _filtered(self, side: int, columns: int, roughness: float) -> Float32:
         """What surfaces of a roughness mirror, seen head on (side + 2, side + 2, 3)."""
         small = reduced(self.radiance, columns)
-        rows, columns = small.shape[:2]
-        up = math.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
-        round_ = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None] - self.turn
-        x, z = np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_)
-        sources = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z]).reshape(3, -1)
-        solid = np.repeat(np.cos(up), columns, axis=1).reshape(-1)
-        light = np.concatenate([small.reshape(-1, 3), np.ones((rows * columns, 1))], axis=1)
-        weighted = np.asarray(light * solid[:, None], dtype=np.float32)
+        directions, solid = (
+            one.reshape(small.shape[0] * small.shape[1], -1)
+            for one in sphere(small.shape[1], self.turn)
+        )
+        light = np.concatenate([small.reshape(-1, 3), np.ones_like(solid)], axis=1)
+        weighted = np.asarray(light * solid, dtype=np.float32)
         slope = np.float32(0.5 * (max(roughness * roughness, _LEAST_ALPHA) ** 2 - 1.0))
-        sources = np.asarray(sources, dtype=np.float32)
+        sources = np.ascontiguousarray(directions.T, dtype=np.float32)
         targets = _texels(side).reshape(-1, 3).astype(np.float32)
         parts = []
         for some in np.array_split(targets, max(1, len(targets) * len(solid) // _AT_ONCE)):
@@ -155,6 +153,24 @@ def mirrored_light(levels: Float32, direction: Float64, roughness: float) -> Flo
     upper = (1.0 - across) * level[top, left] + across * level[top, left + 1]
     lower = (1.0 - across) * level[top + 1, left] + across * level[top + 1, left + 1]
     return np.asarray(((1.0 - down) * upper + down * lower)[:3])
+
+
+def sphere(columns: int, turn: float = 0.0) -> tuple[Float64, Float64]:
+    """Directions (h, w, 3) and solid angles (h, w) [sr] of the pixels of an equirectangular map.
+
+    The middle column looks along +X, row 0 straight up.
+
+    Args:
+        columns: w, even; h is half of it [px].
+        turn: about the up axis, counter-clockwise seen from above [rad].
+    """
+    rows = columns // 2
+    up = math.pi * (0.5 - (np.arange(rows) + 0.5) / rows)[:, None]
+    round_ = 2.0 * math.pi * ((np.arange(columns) + 0.5) / columns - 0.5)[None] - turn
+    x, z = np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_)
+    directions = np.stack([x, np.broadcast_to(np.sin(up), x.shape), z], axis=-1)
+    area = heights_of_rows(rows) * (2.0 * math.pi / columns)
+    return directions, np.repeat(area[:, None], columns, axis=1)
 
 
 def heights_of_rows(rows: int) -> Float64:

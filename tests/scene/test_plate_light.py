@@ -19,9 +19,9 @@ from nlens_video.scene.illumination import (
     on_ball,
     sun,
 )
-from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment, sphere
+from nlens_video.scene.plate_environment import Seat, level_of_ground, plate_environment
 from nlens_video.scene.scene_light import SceneLight
-from nlens_video.scene.surround import mirrored_light
+from nlens_video.scene.surround import mirrored_light, sphere
 from nlens_video.video.pixels.picture import ArrayPicture
 
 UP, DOWN = np.array([0.0, 1.0, 0.0]), np.array([0.0, -1.0, 0.0])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.folders import SAMPLES
 
-from nlens_video.scene.plate_environment import sphere
+from nlens_video.scene.surround import sphere
 
 
 @pytest.fixture(autouse=True)
