@@ -63,6 +63,7 @@ class LensRequest:
         tagged: what the recording states of it.
         fit_region: part of the frame whose ground tells the lens, None for all of it.
         live: whether a lens that changes is followed as frames come.
+        search_s: how long frames may tell no lens, before that ends the run [s].
         hold_budget: whether quality adapts to keep the frame budget.
     """
 
@@ -80,6 +81,7 @@ class LensRequest:
     tagged: KnownLens = UNKNOWN_LENS
     fit_region: Region | None = None
     live: bool = False
+    search_s: float = 0.0
     hold_budget: bool = False
 
     @property

@@ -19,6 +19,7 @@ from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import CocEstimator, NodeContext
 from nlens_video.graph.base.followed_lens import DISTORTION, followed_distortion
 from nlens_video.graph.base.ground_level import note_on_ground
+from nlens_video.graph.base.lens_search import LensSearch
 from nlens_video.graph.base.live_lens import LiveLens
 from nlens_video.graph.base.node import Node
 from nlens_video.graph.base.objects_on_ground import is_placed, load_scene, stage
@@ -183,7 +184,7 @@ def open_session(
         objects, lens, view, device, scene, pipeline, plate, profiler, coc
     )
     told = passes()
-    context = replace(context, other_samples=told.others)
+    context = replace(context, other_samples=told.others, lens_search=LensSearch(lens.search_s))
     fit = lens.fit.for_width(view.width, view.height) if lens.fit is not None else None
     known = told.track or fit
     frame_s = lens.frame_s or 1 / 30

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from nlens_video.core.settings import Settings
+from nlens_video.graph.base.lens_search import STREAM_S
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.run.plate_source import frame_s
 from nlens_video.stages.r_lens_track import read_fit
@@ -22,6 +23,7 @@ def lens_request(settings: Settings, info: SourceInfo) -> LensRequest:
     Raises:
         LensFitError: the file of `--fit` cannot be used.
     """
+    stream = not can_be_read_again(settings.source.spec)
     return LensRequest(
         preset=settings.preset,
         effects=settings.effects,
@@ -37,5 +39,6 @@ def lens_request(settings: Settings, info: SourceInfo) -> LensRequest:
         tagged=tagged_lens(info.camera_tags),
         fit_region=settings.fit_region,
         hold_budget=settings.hold_budget,
-        live=settings.track_focus != "off" and not can_be_read_again(settings.source.spec),
+        live=settings.track_focus != "off" and stream,
+        search_s=STREAM_S if stream else 0.0,
     )

@@ -19,6 +19,7 @@ from nlens_video.core.optics import ROUND, Aperture, Shutter
 from nlens_video.core.placement import Region
 from nlens_video.effects.measurement import Measurement
 from nlens_video.effects.occlusion_cues import OcclusionCue
+from nlens_video.graph.base.lens_search import LensSearch
 from nlens_video.graph.base.object_source import ObjectSource
 from nlens_video.kernels.scatter.scatter import Spread
 from nlens_video.scene.camera import Camera
@@ -103,6 +104,7 @@ class NodeContext:
         known_lens: what is known of the lens beforehand.
         tagged_lens: what the recording states of it.
         other_samples: samples of other frames for the lens fit.
+        lens_search: which frames are looked at until one tells the lens.
         fit_region: part of the frame whose ground tells the lens, None for all of it.
         unit_m: the scene's unit, None where it is not known [m].
         aperture: shape of the lens' aperture.
@@ -129,6 +131,7 @@ class NodeContext:
     known_lens: KnownLens = UNKNOWN_LENS
     tagged_lens: KnownLens = UNKNOWN_LENS
     other_samples: tuple[FitSamples, ...] = ()
+    lens_search: LensSearch = field(default_factory=LensSearch)
     fit_region: Region | None = None
     unit_m: float | None = 1.0
     aperture: Aperture = ROUND

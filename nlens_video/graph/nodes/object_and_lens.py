@@ -49,14 +49,14 @@ class ObjectBounds(Node):
 class EstimateCoc(Node):
     """F: CoC map of the plate from its pixels alone (paper, section 4.1).
 
-    None where the picture is of one colour, which shows no blur.
+    None where the picture is of one colour, which shows no blur, or is not looked at.
     """
 
     name, writes = "estimate-coc", "plate_coc"
     effect, once, when = DEFOCUS, True, IN_FRAME
 
     def __init__(self, context: NodeContext) -> None:
-        self._estimate = context.estimate_coc
+        self._estimate, self._search = context.estimate_coc, context.lens_search
         known = context.known_lens.completed_by(context.tagged_lens)
         self._needs_plate = not known.is_whole and not context.fallback_constant
         self._untold = False
@@ -67,7 +67,9 @@ class EstimateCoc(Node):
     ) -> CocMap | None:
         seen = picture.downsample(*_LEVEL_SIZE)
         self._untold = self._needs_plate and float(np.ptp(seen, axis=(0, 1)).max()) < _ONE_COLOUR
-        return None if self._untold else self._estimate(picture, following or ())
+        if self._untold or self._search.passes_over(bounds.time_s):
+            return None
+        return self._estimate(picture, following or ())
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -91,7 +93,10 @@ class GroundFootprint(Node):
 
 
 class FitNode(Node):
-    """R: the linear lens model, regressed over the ground plane (paper, eq. 2)."""
+    """R: the linear lens model, regressed over the ground plane (paper, eq. 2).
+
+    None where the frame tells no lens, and a later one may.
+    """
 
     name, writes = "fit", "found_lens"
     effect, once, when = DEFOCUS, True, IN_FRAME
@@ -105,7 +110,7 @@ class FitNode(Node):
         )
         self._known, self._unit_m = context.known_lens, context.unit_m
         self._with_tags = context.known_lens.completed_by(context.tagged_lens)
-        self._others = context.other_samples
+        self._others, self.search = context.other_samples, context.lens_search
         self._fallback_constant = context.fallback_constant
         ground = "the ground plane" if whole_plane else "the footprint"
         where = "the given region" if context.fit_region else ground
@@ -113,9 +118,10 @@ class FitNode(Node):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """That what `--lens` gives does not tell the blur."""
+        """That what `--lens` gives does not tell the blur, and when the lens was found late."""
         given = replace(self._known, prefer=None) != UNKNOWN_LENS
-        return _unused(self._with_tags, scaled=self._unit_m is not None) if given else ()
+        unused = _unused(self._with_tags, scaled=self._unit_m is not None) if given else ()
+        return (*unused, self.search.note) if self.search.note else unused
 
     def __call__(
         self,
@@ -124,7 +130,7 @@ class FitNode(Node):
         frame: SourceFrame,
         bounds: ScreenBounds,
         lens_before: LensFit | None,
-    ) -> FoundLens:
+    ) -> FoundLens | None:
         camera = bounds.camera
         given = [self._known, self._with_tags]
         if lens_before is not None:  # a focus that is given is that of the first frame
@@ -143,12 +149,14 @@ class FitNode(Node):
             )  # fmt: skip
         except LensFitError as error:
             if not self._fallback_constant:
-                raise
+                self.search.failed(error, bounds.time_s)
+                return None
             fit = constant_fit(plate_coc, ground, frame.index)
             reason = str(error).partition("; give ")[0]  # the advice is to use this fallback
             return FoundLens(
                 fit=fit, regression=None, warning=f"constant CoC instead of a fit: {reason}"
             )
+        self.search.found(bounds.time_s)
         middle = 0.5 / bounds.nearest + 0.5 / bounds.farthest if bounds.nearest > 0.0 else 0.0
         fit = replace(found.fit, object_disparity=middle)
         if found.regression is None:

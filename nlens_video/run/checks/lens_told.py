@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nlens_video.core.errors import LensFitError
-from nlens_video.graph.nodes.object_and_lens import EstimateCoc
+from nlens_video.graph.nodes.object_and_lens import EstimateCoc, FitNode
 from nlens_video.graph.session import Session
 
 
@@ -16,8 +16,10 @@ def check_lens_told(session: Session, *, live: bool = False) -> None:
 
     Raises:
         LensFitError: its lens was to be read off the plate, and only black pictures, or others of
-            one colour, have come.
+            one colour, have come, or none that tells it.
     """
     for node in session.nodes:
+        if isinstance(node, FitNode) and node.search.failure is not None:
+            raise node.search.failure
         if isinstance(node, EstimateCoc) and node.notes and not live:
             raise LensFitError(node.notes[0])
