@@ -17,13 +17,13 @@ from nlens_video.core.errors import UsageError
 class FrameQueue:
     """A bounded queue into a compositor: `submit` frames, take each `result` in the same order.
 
-    One thread may submit while another takes results. Memory is bounded by `size` frames.
+    Some threads may submit while others take results. Memory is bounded by `size` frames.
 
     Args:
         lens: composites the frames; closed by its owner.
         size: frames that may be waiting or composited and not yet taken, 1 or more [1].
-        on_full: what `submit` does then: `wait` until a result is taken, or `drop` the oldest frame
-            that still waits, for cameras.
+        on_full: what `submit` does then: `wait` until a result is taken; or `drop`, for cameras, the
+            oldest frame that still waits, else the oldest result.
 
     Raises:
         UsageError: no whole size from 1 on, or another word.
@@ -71,12 +71,13 @@ class FrameQueue:
             self._changed.notify_all()
 
     def _drop_oldest(self) -> None:
-        """Leave out the oldest frame that is not begun yet, if there is one."""
-        for waiting in self._pending:
-            if waiting.cancel():
-                self._pending.remove(waiting)
-                self.dropped += 1
-                return
+        """Leave out the oldest frame that is not begun yet, else the oldest that is done."""
+        waiting = (one for one in self._pending if one.cancel())
+        done = (one for one in self._pending if one.done())
+        left_out = next(waiting, None) or next(done, None)
+        if left_out is not None:
+            self._pending.remove(left_out)
+            self.dropped += 1
 
     def result(self, timeout_s: float | None = None) -> npt.NDArray[Any] | None:
         """The oldest frame that was submitted and not taken yet, composited.
@@ -104,6 +105,8 @@ class FrameQueue:
             except TimeoutError:
                 return None
             with self._changed:
+                if oldest not in self._pending:  # another thread took it, or `submit` left it out
+                    continue
                 self._pending.remove(oldest)
                 self._changed.notify_all()
             return oldest.result()

@@ -100,6 +100,33 @@ def test_consumer_of_a_frame_that_is_left_out_gets_the_next(lens):
         assert queue.dropped == 1 and len(queue) == 0
 
 
+def test_camera_goes_on_where_nobody_takes_results(lens):
+    with FrameQueue(lens, 2, on_full="drop") as queue, ThreadPoolExecutor(1) as camera:
+        for number in range(5):
+            camera.submit(queue.submit, bgr(), number / 25).result(30)
+            until = time.monotonic() + 30
+            while not all(one.done() for one in queue._pending) and time.monotonic() < until:
+                time.sleep(0.01)
+        assert queue.dropped == 3 and len(queue) == 2
+        for number in (3, 4):
+            np.testing.assert_array_equal(queue.result(), lens.process(bgr(), number / 25))
+
+
+def test_several_threads_may_take_results(lens):
+    def take_all():
+        taken = []
+        while (result := queue.result()) is not None:
+            taken.append(result)
+        return taken
+
+    with ThreadPoolExecutor(2) as takers:
+        with FrameQueue(lens, 8) as queue:
+            taken = [takers.submit(take_all) for _ in range(2)]
+            for _ in range(30):
+                queue.submit(bgr(), 0.0)
+        assert sum(len(one.result(60)) for one in taken) == 30
+
+
 def test_time_to_wait_is_that_of_the_frame_and_of_its_result_together(lens):
     with FrameQueue(lens) as queue:
         busy = threading.Event()
