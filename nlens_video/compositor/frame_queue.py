@@ -22,7 +22,7 @@ class FrameQueue:
     Args:
         lens: composites the frames; closed by its owner.
         size: frames that may be waiting or composited and not yet taken, 1 or more [1].
-        on_full: what `submit` does then: `wait` until a result is taken; or `drop`, for cameras, the
+        on_full: what `submit` does then: `wait` until a result is taken; `drop`, for cameras, the
             oldest frame that still waits, else the oldest result.
 
     Raises:
