@@ -126,6 +126,23 @@ def test_colour_tags_of_hdr_that_are_kept_are_not_noted(tmp_path, name, codec):
         assert source.info.frame_tags == PQ
 
 
+@pytest.mark.parametrize(("primaries", "curve"), [(1, 1), (9, 16), (9, 18), (12, 1), (1, 13)])
+def test_rgb_that_becomes_yuv_keeps_the_meaning_of_its_codes(tmp_path, primaries, curve):
+    codes = np.linspace(100, 900, 3 * 16 * 12).reshape(16, 12, 3).repeat(8, 0).repeat(8, 1)
+    frame = av.VideoFrame.from_ndarray((codes / 1023 * 65535).astype(np.uint16), "rgb48le")
+    frame = frame.reformat(format="gbrp10le")
+    tags = FrameTags(colorspace=0, color_range=2, color_primaries=primaries, color_trc=curve)
+    for name in FrameTags.__dataclass_fields__:
+        setattr(frame, name, getattr(tags, name))
+    plate, out = write_clip(tmp_path / "in.mkv", [frame]), tmp_path / "out.mkv"
+    assert copy(plate, out, codec="ffv1", pix_fmt="yuv444p10le") == ()
+    with open_source(str(plate)) as source, open_source(str(out)) as result:
+        assert result.info.tags.transfer == source.info.tags.transfer
+        assert result.info.tags.primaries == source.info.tags.primaries
+        was, has = (next(iter(one)).picture.srgb() for one in (source, result))
+    np.testing.assert_allclose(has, was, atol=0.02)  # PQ is steep
+
+
 def test_tags_that_readers_assume_are_not_noted_where_they_are_left_out(tmp_path):
     usual = FrameTags(colorspace=6, color_range=1, color_primaries=1, color_trc=1)
     plate = write_clip(tmp_path / "in.mkv", [tagged(usual, "yuv420p")])
