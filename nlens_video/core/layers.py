@@ -24,6 +24,17 @@ MOST_PIXELS = 200_000_000
 """Limit of a plate, a layer or a map; larger ones are refused before memory is allocated."""
 
 
+_BEYOND_WHITE = 1.1  # light that no picture reaches which ends at white: codecs overshoot [1]
+
+
+def clips_at(light: Float32, peak: float) -> float:
+    """Light beyond which a picture does not tell how bright it is; at most the `peak` of its codes.
+
+    One that shows nothing beyond white was made to end there, whatever its codes can hold.
+    """
+    return peak if peak > 1.0 and float(np.max(light)) > _BEYOND_WHITE else 1.0
+
+
 def too_large(name: str, width: int, height: int) -> str:
     """Error message for a picture of more than `MOST_PIXELS`."""
     most = MOST_PIXELS // 10**6
@@ -41,6 +52,11 @@ class Picture(Protocol):
     @property
     def height(self) -> int:
         """Rows as displayed [px]."""
+        ...
+
+    @property
+    def peak(self) -> float:
+        """Light at which its codes end: 1 of SDR, more of PQ and HLG, infinite of light itself."""
         ...
 
     def srgb(self) -> Float32:

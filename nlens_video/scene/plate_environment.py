@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64, clips_at
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp
 from nlens_video.scene.surround import sphere
@@ -42,9 +42,9 @@ _USUAL = 0.3  # weight of that ratio, where the level of the plate tells one too
 _COMPLETE = 3  # distant lamps that light an object from all sides [1]
 _MIRRORED = 0.3  # certainty of what is mirrored, where what is seen has 1
 _SPREADS = (2.0, 5.0, 12.0, 30.0)  # of what is known over what is not, finest first [map pixels]
-_CLIPPED = 0.98  # code from which the plate tells no more how bright a source is
+_CLIPPED = 0.98  # of the light at which the plate clips, from which a source may be brighter [1]
 _BY_SOURCES = 0.15  # of all light on the ground, what clipped sources in view give [1]
-_MOST_BOOST = 60.0  # how much brighter than white such a source is at most [1]
+_MOST_BOOST = 60.0  # how much brighter than it is told such a source is at most [1]
 _LEAST = 0.15  # of the light from around, by that which the ground asks for [1]
 _NEAR = 1.5  # ground that tells the level: so many object sizes around it [1]
 
@@ -77,7 +77,7 @@ class Seat:
 
 
 def plate_environment(
-    plate: Float32, camera: Camera, seat: Seat, lamps: Illumination
+    plate: Float32, camera: Camera, seat: Seat, lamps: Illumination, peak: float = 1.0
 ) -> tuple[Float32, Float32]:
     """Radiance around the object, and what smooth surfaces mirror of it.
 
@@ -89,6 +89,7 @@ def plate_environment(
         camera: of the frame.
         seat: where the object stands.
         lamps: the file's lights.
+        peak: of the plate's codes.
 
     Returns:
         Two maps (COLUMNS / 2, COLUMNS, 3), as `reduce_environment` takes them.
@@ -103,7 +104,8 @@ def plate_environment(
     light = np.where((below & ~seen)[..., None], ground, light)
     wanted = _irradiance_of_ground(plate, level_of_ground(plate, camera, seat), lamps, seat.foot)
     most = _BY_SOURCES * float(wanted @ LUMINANCE)
-    light = np.where(((~below) & seen)[..., None], _unclipped(light, solid, most), light)
+    told = _unclipped(light, solid, most, clips_at(plate, peak))
+    light = np.where(((~below) & seen)[..., None], told, light)
     open_ = (~below & ~seen)[..., None]
     share = np.where(open_, certainty[..., None], 1.0)
     known = np.where(open_, spread, light) * share
@@ -280,9 +282,18 @@ def _blurred(values: Float64, sigma: float) -> Float64:
     return np.asarray(soft[:, edge : edge + values.shape[1]])
 
 
-def _unclipped(light: Float64, solid: Float64, irradiance: float) -> Float64:
-    """The light with clipped sources as bright as gives that irradiance across their direction."""
-    clipped = light.max(axis=2) >= _CLIPPED
-    size = float(solid[clipped].sum())
-    boost = float(np.clip(irradiance / max(size, 1e-9), 1.0, _MOST_BOOST))
+def _unclipped(light: Float64, solid: Float64, irradiance: float, clip: float) -> Float64:
+    """The light with sources that clip so bright that they give this across their direction.
+
+    Args:
+        light: in each direction (h, w, 3).
+        solid: angle of each (h, w) [sr].
+        irradiance: by all such sources.
+        clip: light at which the plate clips; what is brighter than white below it is as told.
+    """
+    clipped = light.max(axis=2) >= _CLIPPED * clip
+    if not clipped.any():
+        return light
+    told = clip * float(solid[clipped].sum())
+    boost = float(np.clip(irradiance / max(told, 1e-9), 1.0, _MOST_BOOST))
     return light * np.where(clipped, boost, 1.0)[..., None]

@@ -92,7 +92,7 @@ class SceneLight:
 
     def around_without_sun(
         self, plate: Float32, camera: Camera, seat: Seat, lights: tuple[PosedLight, ...],
-        strongest: float = 0.0,
+        strongest: float = 0.0, peak: float = 1.0,
     ) -> Illumination:  # fmt: skip
         """The light beside the file's, at the plate's level unless the map's brightness is given.
 
@@ -105,13 +105,14 @@ class SceneLight:
             seat: where the object stands.
             lights: the file's, at that moment.
             strongest: what `given` is at other moments, at most.
+            peak: of the plate's codes.
         """
         if self.environment is not None and self.exposure_given:
             return self.environment
         level, own = level_of_ground(plate, camera, seat), Illumination(self.lamps(lights), None)
         given = max(strongest, self.given(lights, seat))
         exposure = 1.0 if given <= _OUTSHONE * level else _EXPOSED * level / given
-        radiance, mirrored = plate_environment(plate, camera, seat, own.scaled(exposure))
+        radiance, mirrored = plate_environment(plate, camera, seat, own.scaled(exposure), peak)
         found = reduce_environment(radiance, mirrored=mirrored)
         if self.environment is not None and self.environment.level > 0.0:
             found = self.environment.scaled(found.level / self.environment.level)

@@ -145,6 +145,29 @@ def test_clipped_window_is_a_light_from_its_direction():
     assert toward @ expected > math.cos(math.radians(4.0))
 
 
+@pytest.mark.parametrize("brightness", [5.0, 40.0])
+def test_lamp_that_a_plate_of_light_shows_is_as_bright_as_it_is_told(brightness):
+    room, lit = plate((0.1,) * 3, (0.1,) * 3), plate((0.1,) * 3, (0.1,) * 3)
+    lit[10:22, 130:142] = brightness
+    without, _ = plate_environment(room, level_camera(), SEAT, NO_LAMPS, math.inf)
+    radiance, mirrored = plate_environment(lit, level_camera(), SEAT, NO_LAMPS, math.inf)
+    assert radiance.max() == mirrored.max() == pytest.approx(brightness)
+    up = reduce_environment(radiance, mirrored=mirrored).on_plane(SEAT.foot)
+    dark = reduce_environment(without, mirrored=without).on_plane(SEAT.foot)
+    assert up == pytest.approx(dark, rel=0.1)  # the level of the plate holds
+
+
+def test_lamp_that_clips_beyond_white_is_raised_by_what_its_own_light_lacks():
+    """HLG ends at 3.8 times white: a lamp there gives as much light as one that SDR clips."""
+    given = []
+    for peak in (1.0, 3.8):
+        picture = plate((0.1,) * 3, (0.1,) * 3)
+        picture[5:40, 115:155] = peak
+        radiance, _ = plate_environment(picture, level_camera(), SEAT, NO_LAMPS, peak)
+        given.append(radiance.max())
+    assert peak < given[1] == pytest.approx(given[0], rel=0.1)
+
+
 def test_lights_of_the_file_leave_less_for_the_light_around():
     lamp = sun(np.full(3, 2.0), DOWN)
     alone = around(plate())

@@ -254,6 +254,20 @@ def test_rotated_picture_is_composited_in_display_orientation():
     assert np.argwhere(stored).tolist() == [[0, 31]]  # turned left, the right column is on top
 
 
+@pytest.mark.parametrize(
+    ("curve", "floats", "peak"),
+    [
+        ("bt709", False, 1.0), ("iec61966-2-1", True, 1.0), ("linear", False, 1.0),
+        ("linear", True, np.inf), ("arib-std-b67", False, 3.774), ("smpte2084", False, 10000 / 203),
+    ],
+)  # fmt: skip
+def test_peak_is_the_light_of_the_largest_code_and_light_itself_has_none(curve, floats, peak):
+    samples = np.zeros((2, 2, 3), np.float32 if floats else np.uint16)
+    assert ArrayPicture(samples, "rgb", replace(SRGB, transfer=curve)).peak == pytest.approx(
+        peak, rel=1e-3
+    )
+
+
 def test_straight_alpha_of_the_plate_is_kept():
     array = np.zeros((2, 2, 4), np.uint8)
     array[..., 3] = 128

@@ -59,7 +59,7 @@ class EstimateLight(Node):
             camera, light = self._context.objects.camera(time_s), self._scene.light
             if self._without_sun is None:
                 self._without_sun = light.around_without_sun(
-                    plate, camera, seat, posed.lights, self._strongest()
+                    plate, camera, seat, posed.lights, self._strongest(), picture.peak
                 )
                 if light.taken_from_plate and self._settled and self._context.read_sun is not None:
                     self._sun = self._context.read_sun(picture, camera, seat.ground_y)

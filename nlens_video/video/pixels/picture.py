@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
 import av
 import numpy as np
-import numpy.typing as npt
 
 from nlens_video.core.color import ColorTags, primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
 from nlens_video.video.pixels.orientation import Orientation, frame_orientation
-from nlens_video.video.pixels.pixel_formats import converted, take_tags, unpacked
+from nlens_video.video.pixels.pixel_formats import converted, copied, unpacked
 from nlens_video.video.pixels.samples import (
     Plane,
     Samples,
@@ -36,6 +36,15 @@ class SamplesPicture:
 
     def _make_writable(self) -> None:
         """Prepare the samples for writing."""
+
+    @property
+    def peak(self) -> float:
+        """Light at which its codes end, infinite where float samples hold light itself."""
+        samples = self.samples()
+        curve = samples.coding.tags.transfer
+        if curve == "linear" and not samples.coding.bits:
+            return math.inf
+        return float(transfer(curve).to_linear(np.array(1.0)))
 
     def srgb(self) -> Float32:
         """The whole picture, display-coded sRGB in [0, 1], (H, W, 3)."""
@@ -205,23 +214,6 @@ def _finite(values: Float32) -> bool:
     """Whether all values are finite; their sum tells it sooner, unless it overflows."""
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.isfinite(values.sum()) or np.isfinite(values).all())
-
-
-def copied(frame: av.VideoFrame) -> av.VideoFrame:
-    """A frame with samples of its own."""
-    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
-    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
-        rows, own = _rows(theirs), _rows(mine)
-        height, width = np.minimum(rows.shape, own.shape)
-        own[:height, :width] = rows[:height, :width]
-    take_tags(copy, frame)
-    return copy
-
-
-def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
-    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
-    flat = np.frombuffer(memoryview(plane), np.uint8)
-    return flat.reshape(-1, plane.line_size or plane.buffer_size)
 
 
 def picture_frame(picture: Picture, pixel_format: str, *, limited: bool = False) -> av.VideoFrame:

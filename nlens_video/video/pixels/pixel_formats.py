@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import av
 import numpy as np
+import numpy.typing as npt
 from av.video.reformatter import Interpolation
 
 from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags, Family
@@ -218,6 +219,23 @@ def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
     if frame.time_base is not None:  # frames that no decoder has made have none
         made.time_base = frame.time_base
     copy_colour_tags(made, frame)
+
+
+def copied(frame: av.VideoFrame) -> av.VideoFrame:
+    """A frame with samples of its own."""
+    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
+    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
+        rows, own = _rows(theirs), _rows(mine)
+        height, width = np.minimum(rows.shape, own.shape)
+        own[:height, :width] = rows[:height, :width]
+    take_tags(copy, frame)
+    return copy
+
+
+def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
+    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
+    flat = np.frombuffer(memoryview(plane), np.uint8)
+    return flat.reshape(-1, plane.line_size or plane.buffer_size)
 
 
 def _is_grey(name: str) -> bool:
