@@ -2,7 +2,8 @@
 
 The median ratio is the change, whatever moves in less than half of the picture. Where the camera
 moves, the pictures are registered first. On plates that are dark, of one colour or lit in part,
-codes closer to black and to white count too, each channel by itself.
+codes closer to black and to white count too, each channel by itself. White is where the picture
+clips: far beyond diffuse white in HDR, and nowhere in light itself.
 """
 
 from __future__ import annotations
@@ -12,15 +13,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Float32, Float64, Picture
+from nlens_video.core.layers import Float32, Float64, Picture, clips_at
 from nlens_video.native import kernels
 
-DARKEST, BRIGHTEST = 0.01, 0.8  # light that is far enough from noise and from white [1]
+DARKEST, BRIGHTEST = 0.01, 0.8  # light far enough from noise and, by that of white, from white [1]
 LEAST_SHARE = 0.25
 """Of a picture that must lie between these where it tells its light."""
 _FAINTEST, _PALEST = 0.0015, 0.95  # the same where less than `LEAST_SHARE` lies between these [1]
 _LEAST_SHARE_OF_DARK = 0.08  # of such a picture
 _SIZE = (40, 24)  # columns and rows that a picture is compared at [px]
+_LARGEST = float(np.finfo(np.float32).max)  # an infinite light tells nothing
 _LEAST_LIGHT = 1e-5  # of a picture, which makes the object as black as it is [1]
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is usable
 
@@ -32,18 +34,20 @@ class SmallPicture:
     Attributes:
         light: (h, w, 3) [1].
         stops: its logarithm, NaN where a channel is too dark or too bright.
+        white: light at which it clips [1].
     """
 
     light: Float32
     stops: Float32
+    white: float
 
     @classmethod
     def of(cls, picture: Picture) -> SmallPicture:
         """Reduce a picture."""
         light = picture.downsample(*_SIZE)
-        stops = np.empty_like(light)
-        take_stops(light, stops)
-        return cls(light, stops)
+        stops, white = np.empty_like(light), clips_at(light, picture.peak)
+        take_stops(light, stops, white)
+        return cls(light, stops, white)
 
     @property
     def shows_nothing(self) -> bool:
@@ -60,7 +64,8 @@ class SmallPicture:
         if take_change(before.stops, self.stops, LEAST_SHARE, _LARGEST_SPREAD_STOPS, change):
             return change
         if np.isfinite(before.stops[..., 0] + self.stops[..., 0]).mean() < LEAST_SHARE:
-            by_channels = _change_of_channels(before.light, self.light)
+            palest = _PALEST * min(before.white, self.white)
+            by_channels = _change_of_channels(before.light, self.light, palest)
             if by_channels is not None:
                 return by_channels
         moved = _registered(before.stops, self.stops)
@@ -81,13 +86,13 @@ class SmallPicture:
         return np.asarray(np.broadcast_to(now - then, 3))
 
 
-def _change_of_channels(before: Float32, now: Float32) -> Float64 | None:
+def _change_of_channels(before: Float32, now: Float32, palest: float) -> Float64 | None:
     """Change (3,) between pictures that are dark, of one colour or lit in part [stops].
 
     A channel that shows too little changes as the others do in the mean. None where none shows
     enough, or where one changes unevenly.
     """
-    known = (np.minimum(before, now) > _FAINTEST) & (np.maximum(before, now) < _PALEST)
+    known = (np.minimum(before, now) > _FAINTEST) & (np.maximum(before, now) < palest)
     change = np.full(3, np.nan)
     for channel in np.flatnonzero(known.mean((0, 1)) >= _LEAST_SHARE_OF_DARK):
         there = known[..., channel]
@@ -116,9 +121,15 @@ def _registered(before: Float32, now: Float32) -> Float32 | None:
     )
 
 
-def take_stops(light: Float32, stops: Float32) -> None:
-    """Fill in logarithmic light (h, w, 3), NaN where a channel is too dark or too bright."""
-    kernels.take_stops(light, (DARKEST, BRIGHTEST), stops)
+def take_stops(light: Float32, stops: Float32, white: float = 1.0) -> None:
+    """Fill in logarithmic light (h, w, 3), NaN where a channel is too dark or too bright.
+
+    Args:
+        light: of a picture.
+        stops: the result.
+        white: light at which it clips, infinite where it does not.
+    """
+    kernels.take_stops(light, (DARKEST, min(BRIGHTEST * white, _LARGEST)), stops)
 
 
 def take_change(

@@ -1,16 +1,20 @@
 """Exposure changes of the plate over a shot, applied to the object."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Shutter
 from nlens_video.effects.exposure import Exposure, MeasureExposure, match_exposure
 from nlens_video.effects.planner import EXPOSURE, ShotFacts, decide
-from nlens_video.video.pixels.picture import ArrayPicture
+from nlens_video.video.exr import LINEAR
+from nlens_video.video.pixels.picture import SRGB, ArrayPicture
 
 SIZE = (360, 640)
 
@@ -45,6 +49,24 @@ def test_gains_follow_a_change_of_exposure(stops):
     first, second = run([shot(scene()), shot(scene() * gains)])
     assert first == (1.0, 1.0, 1.0)
     assert second == pytest.approx(gains, rel=0.015)
+
+
+@pytest.mark.parametrize("scale", [1.0, 8.0, 100.0])
+def test_exposure_of_light_itself_is_followed_however_bright_it_is(scale):
+    plates = [np.float32(scale * gain) * scene() for gain in (1.0, 1.2, 1.5)]
+    gains = run([ArrayPicture(plate, "rgb", LINEAR) for plate in plates])
+    assert gains[1] == pytest.approx((1.2,) * 3, rel=0.01)
+    assert gains[2] == pytest.approx((1.5,) * 3, rel=0.01)
+
+
+def test_exposure_of_hdr_is_followed_beyond_diffuse_white():
+    hlg = replace(SRGB, transfer="arib-std-b67")
+    codes = [
+        np.uint16(65535 * transfer("arib-std-b67").to_coded(gain * (1.0 + scene())))
+        for gain in (1.0, 1.5)
+    ]
+    _, gains = run([ArrayPicture(code, "rgb", hlg) for code in codes])
+    assert gains == pytest.approx((1.5,) * 3, rel=0.01)
 
 
 def test_noise_does_not_change_the_gains():
