@@ -219,15 +219,17 @@ class Distortion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bloom:
-    """Halo around clipped highlights, decaying exponentially.
+    """Halo around highlights, decaying exponentially.
 
     Attributes:
-        share: of the light at the clip that goes into the halo [1].
+        share: of a highlight's light, as far as the plate tells it, that goes into the halo [1].
         length_px: distance over which the halo falls to 1 / e [px].
+        clip: light at which highlights of the plate clip [1].
     """
 
     share: float
     length_px: float
+    clip: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

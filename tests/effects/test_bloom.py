@@ -2,6 +2,7 @@
 
 import re
 
+import cv2
 import numpy as np
 import pytest
 from support.effects.filmed_shots import Camera, filmed, lamps
@@ -10,11 +11,11 @@ from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Bloom
 from nlens_video.effects.camera.bloom import (
     add_bloom,
-    halo_by_spectrum,
-    halo_of,
     measure,
-    quick_halo,
 )
+from nlens_video.effects.camera.halo import halo_by_spectrum, halo_of, quick_halo
+from nlens_video.video.exr import LINEAR
+from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, 300, 200)
 LENS = Bloom(share=0.2, length_px=8.0)
@@ -107,6 +108,40 @@ def test_halo_does_not_depend_on_the_objects_box(length):
 def test_halo_stays_inside_the_frame():
     out = add_bloom(lamp(5.0, Box(240, 140, 300, 200)), LENS, FRAME)
     assert out.box.intersection(FRAME) == out.box
+
+
+def plate_of_light(radiance, share, length_px):
+    """A scene-linear picture (360, 640, 3) of lamps, whose halos hold that share of their light."""
+    rng = np.random.default_rng(2)
+    rows, columns = np.mgrid[:360, :640]
+    around = 0.05 + 0.02 * cv2.GaussianBlur(rng.normal(size=(360, 640)), (0, 0), 3)
+    source = np.zeros((360, 640), np.float32)
+    for x, y, radius in ((80, 60, 9), (200, 90, 7), (480, 70, 10), (560, 200, 8), (120, 260, 9)):
+        source[np.hypot(columns - x, rows - y) < radius] = radiance
+    halo = share * halo_by_spectrum(source, length_px)
+    light = np.where(source > 0.0, (1.0 - share) * source, around) + halo
+    return np.repeat(light[..., None], 3, axis=2).astype(np.float32)
+
+
+@pytest.mark.parametrize(("radiance", "share"), [(3.0, 0.12), (20.0, 0.03)])
+def test_halo_in_a_plate_of_light_is_a_share_of_the_highlights_own_light(radiance, share):
+    picture = ArrayPicture(plate_of_light(radiance, share, 10.0), "rgb", LINEAR)
+    bloom = measure([picture]).model
+    assert bloom.share == pytest.approx(share, rel=0.15)
+    for light in (2.0, radiance):
+        rgba = np.zeros((120, 120, 4), np.float32)
+        rgba[40:80, 40:80] = (light, light, light, 1.0)
+        out = add_bloom(BlurredLayer(box=Box(100, 60, 220, 180), rgba=rgba), bloom, FRAME)
+        seen = out.rgba[Box(100, 60, 220, 180).slices_in(out.box)][..., 0]
+        expected = share * halo_of(rgba[..., 0], 10.0)
+        assert seen[60, 86] == pytest.approx(expected[60, 86], rel=0.15)
+        assert 0.9 * light < seen[60, 60] <= light
+
+
+def test_highlights_count_as_no_brighter_than_where_the_plate_clips():
+    hlg = Bloom(share=0.2, length_px=8.0, clip=3.8)
+    halos = [add_bloom(lamp(light), hlg, FRAME).rgba[25, 25, 0] for light in (1.9, 3.8, 20.0)]
+    assert halos[1] == pytest.approx(halos[2], rel=1e-5) and halos[1] > 2.0 * halos[0] > 0.0
 
 
 @pytest.mark.slow

@@ -1,13 +1,15 @@
-"""Bloom: exponential halos around clipped highlights, measured on the plate, added to the object.
+"""Bloom: exponential halos around highlights, measured on the plate, added to the object.
 
-The true radiance of a clipped highlight is unknown, so the strength of a halo is relative to white:
-the share of the clipped light that its halo holds. A defocused highlight has a soft border that is
-no halo: the border ends within twice its half-width, while a halo starts low and reaches far. Light
-that a lamp casts on a wall around it cannot be distinguished from a halo.
+The true radiance of a clipped highlight is unknown, so the strength of a halo is relative to the
+light at which it clips: white in SDR, more in HDR; in plates of light itself, to the highlight's
+own. A defocused highlight has a soft border that is no halo: the border ends within twice its
+half-width, while a halo starts low and reaches far. Light that a lamp casts on a wall around it
+cannot be distinguished from a halo.
 
 The object's highlights count from white to twice white, where their halos match those of the
-plate's clipped highlights. A halo that holds more light than white has is that of a far brighter
-source, such as the sun, or the glow of the sky round it: it says nothing about such highlights.
+plate's highlights; they count by their light, but as no brighter than where the plate clips. A halo
+that holds more light than its highlight is that of a far brighter source, such as the sun, or the
+glow of the sky round it: it says nothing about such highlights.
 """
 
 from __future__ import annotations
@@ -19,8 +21,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import BlurredLayer, Bool, Box, Float32, Float64, Int64, Picture
+from nlens_video.core.layers import (
+    BlurredLayer,
+    Bool,
+    Box,
+    Float32,
+    Float64,
+    Int64,
+    Picture,
+    clips_at,
+)
 from nlens_video.core.optics import Bloom
+from nlens_video.effects.camera.halo import halo_by_spectrum, quick_halo
 from nlens_video.effects.measurement import Measurement
 from nlens_video.effects.plate_pictures import PlatePictures
 
@@ -28,7 +40,7 @@ EFFECT = "bloom"
 THRESHOLD_LEVELS = 4.0
 LENGTHS_PX = tuple(float(length) for length in np.geomspace(3.0, 48.0, 13))
 _WORK_WIDTH = 480
-_CLIPPED = 0.92  # light from which on a picture counts as clipped [1]
+_CLIPPED = 0.92  # light from which on something is a highlight: clipped, in SDR [1]
 _LEAST_AREA, _LARGEST_SHARE = 6, 0.1  # of a lamp: pixels of the work size; share of the picture
 _REACH = 40  # radius around a lamp that is measured [px of the work size]
 _SOFT_BORDER = 3.0  # borders end at so many times their half-width
@@ -48,10 +60,11 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     height, width = (side // step * step for side in light.shape)
     size = (width // step, height // step)
     small = cv2.resize(light[:height, :width], size, interpolation=cv2.INTER_AREA)
-    found = _halo(np.asarray(small, np.float32))
+    clip = clips_at(light, picture.peak)
+    found = _halo(np.asarray(small, np.float32), clip)
     model = None
     if found.certain:
-        model = Bloom(share=found.share, length_px=found.length_px * step)
+        model = Bloom(share=found.share, length_px=found.length_px * step, clip=clip)
     return Measurement(
         effect=EFFECT,
         value=0.0 if model is None else found.levels,
@@ -98,17 +111,17 @@ class _Surroundings:
         return values - np.repeat(mean, self.counts)
 
 
-def _halo(light: Float32) -> _Halo:
+def _halo(light: Float32, clip: float) -> _Halo:
     clipped = light >= _CLIPPED
     lamps = _lamps(clipped)
     if not lamps.any():
         return _Halo(words="nothing in the plate clips")
-    around = _surroundings(light, clipped, lamps)
+    sources = np.where(clipped, np.clip(light, 1.0, clip), 0.0).astype(np.float32)
+    around = _surroundings(light, clipped, lamps, sources)
     count = len(around.starts) if around is not None else 0
     if around is None or count < _LEAST_SECTORS:
         return _Halo(words="what clips in the plate has nothing around that would show a halo")
     best: tuple[_Fit, float, Float32] | None = None
-    sources = clipped.astype(np.float32)
     for length in LENGTHS_PX:
         halo = halo_by_spectrum(sources, length)
         fit = _fitted(around, halo.ravel()[around.at].astype(np.float64))
@@ -143,7 +156,9 @@ def _lamps(clipped: Bool) -> Bool:
     return np.asarray(good[np.asarray(labels)])
 
 
-def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings | None:
+def _surroundings(
+    light: Float32, clipped: Bool, lamps: Bool, sources: Float32
+) -> _Surroundings | None:
     """Pixels around lamps, beyond the soft border of each."""
     away, labels = cv2.distanceTransformWithLabels(
         (~lamps).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_CCOMP
@@ -156,7 +171,7 @@ def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings |
         inside = (labels == number) & (away == 0)
         if own.sum() < 50 or not inside.any():
             continue
-        start = _border(light[own], away[own])
+        start = _border(light[own], away[own], float(np.median(sources[inside])))
         far = own & (away >= start)
         if start > 0.5 * _REACH or far.sum() < 50:
             continue
@@ -172,12 +187,12 @@ def _surroundings(light: Float32, clipped: Bool, lamps: Bool) -> _Surroundings |
     return _Surroundings(light_of[order].astype(np.float64), at[order], starts, counts)
 
 
-def _border(light: Float32, away: Float32) -> float:
-    """Distance at which the border of a lamp has certainly ended [px of the work size]."""
+def _border(light: Float32, away: Float32, lamp: float) -> float:
+    """Distance at which the border of a lamp of this light has certainly ended [px of the size]."""
     ground = float(np.median(light[away > 0.6 * _REACH])) if (away > 0.6 * _REACH).any() else 0.0
     for distance in range(1, _REACH):
         ring = light[(away >= distance - 0.5) & (away < distance + 0.5)]
-        if ring.size and float(np.quantile(ring, 0.7)) < ground + 0.5 * (1.0 - ground):
+        if ring.size and float(np.quantile(ring, 0.7)) < ground + 0.5 * (lamp - ground):
             return 2.0 + _SOFT_BORDER * (float(distance) - 0.5)
     return float(_REACH)
 
@@ -226,7 +241,6 @@ def _code(light: Float64) -> Float64:
 WHITE = 1.0
 _REACH_LENGTHS = 6.0  # where the density has fallen to a four hundredth
 _MARGIN_LIMIT_PX = 256
-_COARSE_LENGTH = 4.0  # decay length on the grid of the quick halo [px]
 
 
 def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
@@ -242,59 +256,14 @@ def add_bloom(layer: BlurredLayer, bloom: Bloom, frame: Box) -> BlurredLayer:
     margin = math.ceil(min(_REACH_LENGTHS * bloom.length_px, _MARGIN_LIMIT_PX))
     wide = layer.box.expanded(margin)
     box = wide.intersection(frame)
-    excess = np.clip(layer.rgba[..., :3] - np.float32(WHITE), 0.0, np.float32(WHITE))
-    around = np.pad(excess, ((margin, margin), (margin, margin), (0, 0)))
+    light = layer.rgba[..., :3]
+    counted = np.clip(light - np.float32(WHITE), 0.0, np.float32(WHITE))
+    counted *= np.minimum(light, np.float32(bloom.clip))
+    around = np.pad(counted, ((margin, margin), (margin, margin), (0, 0)))
     halo = quick_halo(around, bloom.length_px, (wide.x0, wide.y0))[box.slices_in(wide)]
     rgba = np.zeros((box.height, box.width, 4), np.float32)
     rgba[layer.box.slices_in(box)] = layer.rgba
+    if bloom.clip > WHITE:  # where a highlight's own light shows, what its halo holds is missing
+        rgba[..., :3] -= np.float32(bloom.share) * around[box.slices_in(wide)]
     rgba[..., :3] += np.float32(bloom.share) * halo
     return BlurredLayer(box=box, rgba=rgba)
-
-
-def halo_of(light: Float32, length_px: float) -> Float32:
-    """Light (h, w) or (h, w, C) convolved with an exponential of decay length `length_px` [px]."""
-    return np.asarray(cv2.filter2D(light, -1, _kernel(length_px), borderType=cv2.BORDER_CONSTANT))
-
-
-def halo_by_spectrum(light: Float32, length_px: float) -> Float32:
-    """`halo_of` for light (h, w), by Fourier transforms."""
-    kernel = _kernel(length_px)
-    reach = len(kernel) // 2
-    # what reaches farther than across the picture falls outside
-    down, across = (min(reach, side - 1) for side in light.shape)
-    near = kernel[reach - down : reach + down + 1, reach - across : reach + across + 1]
-    # so large that nothing wraps round into the picture
-    rows = cv2.getOptimalDFTSize(light.shape[0] + down)
-    columns = cv2.getOptimalDFTSize(light.shape[1] + across)
-    spectra = []
-    for values in (light, near):
-        padded = np.zeros((rows, columns), np.float32)
-        padded[: values.shape[0], : values.shape[1]] = values
-        spectra.append(cv2.dft(padded))
-    product = cv2.mulSpectrums(spectra[0], spectra[1], 0)
-    halo = cv2.dft(product, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
-    return np.asarray(halo[down:, across:][: light.shape[0], : light.shape[1]], np.float32)
-
-
-def _kernel(length_px: float) -> Float32:
-    """An exponential of two dimensions whose sum is 1, to where it has fallen to a thousandth."""
-    reach = math.ceil(7.0 * length_px)
-    away = np.hypot(*np.meshgrid(*2 * [np.arange(reach + 1, dtype=np.float32)]))
-    quarter = np.exp(-away / np.float32(length_px))
-    kernel = np.pad(quarter, ((reach, 0), (reach, 0)), mode="reflect")
-    return np.asarray(kernel / kernel.sum())
-
-
-def quick_halo(light: Float32, length_px: float, corner: tuple[int, int] = (0, 0)) -> Float32:
-    """`halo_of` on a coarse grid of the frame, where `corner` is the light's column and row."""
-    step = max(1, int(length_px / _COARSE_LENGTH))
-    if step == 1:
-        return halo_of(light, length_px)
-    (height, width), (left, top) = light.shape[:2], (start % step for start in corner)
-    ends = (top, -(top + height) % step), (left, -(left + width) % step), (0, 0)
-    padded = np.pad(light, ends)
-    size = padded.shape[1], padded.shape[0]
-    small = cv2.resize(padded, (size[0] // step, size[1] // step), interpolation=cv2.INTER_AREA)
-    halo = halo_of(np.asarray(small, np.float32), length_px / step)
-    fine = cv2.resize(halo, size, interpolation=cv2.INTER_CUBIC)
-    return np.asarray(fine[top:, left:][:height, :width])
