@@ -70,13 +70,19 @@ class PlatePictures(Sequence[Picture]):
         return np.asarray(light, np.float32)
 
     def _still(self) -> tuple[list[Float32], Bool]:
+        frame = Box(0, 0, self[0].width, self[0].height)
+        middle = self._middle.slices_in(frame)
         others = [picture.srgb() for picture in self[1:_MOST_STILL]]
-        return still_run([_middle(codes) for codes in (self.codes(), *others)])
+        return still_run([codes[middle] for codes in (self.codes(), *others)])
 
+    def light_of_still(self) -> list[Float32]:
+        """Scene-linear light (h, w, 3) of what `still` gives the codes of."""
+        return [picture.linear(self._middle) for picture in self[: len(self.still()[0])]]
 
-def _middle(codes: Float32) -> Float32:
-    """The middle of a large picture: noise and sharpness need not be measured everywhere."""
-    height, width = codes.shape[:2]
-    rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
-    top, left = (height - rows) // 2, (width - columns) // 2
-    return codes[top : top + rows, left : left + columns]
+    @property
+    def _middle(self) -> Box:
+        """The middle of a large picture: noise and sharpness need not be measured everywhere."""
+        width, height = self[0].width, self[0].height
+        rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
+        top, left = (height - rows) // 2, (width - columns) // 2
+        return Box(left, top, left + columns, top + rows)

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import cv2
 import numpy as np
 
-from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
+from nlens_video.effects.camera.grain_code import SDR, GrainCode
 from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 
@@ -28,14 +28,15 @@ TILE_PX = 512
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GrainModel:
-    """A plate's noise in display-coded values.
+    """A plate's noise in code values.
 
     Attributes:
-        levels: code values at which `deviation` is known, increasing (B,) [sRGB code].
-        deviation: of red, green and blue (B, 3) [sRGB code].
+        levels: code values at which `deviation` is known, increasing (B,) [code].
+        deviation: of red, green and blue (B, 3) [code].
         mixing: of three independent parts into the channels (3, 3), noise = mixing @ parts.
         kernels: spatial correlation of each part, of unit energy (3, 2 R + 1, 2 R + 1).
         persistence: correlation with the next picture, in [0, 1) [1].
+        code: in which the noise is measured: display-coded sRGB, in HDR another.
     """
 
     levels: Float32
@@ -43,6 +44,7 @@ class GrainModel:
     mixing: Float32
     kernels: Float32
     persistence: float
+    code: GrainCode = SDR
 
     @cached_property
     def tile(self) -> Float32:
@@ -57,8 +59,8 @@ class GrainModel:
 
     @cached_property
     def curve(self) -> Float32:
-        """Deviation at 256 levels from black to white (256, 3) [sRGB code]."""
-        at = np.linspace(0.0, 1.0, 256)
+        """Deviation at 256 levels from black to the end of the code (256, 3) [code]."""
+        at = np.linspace(0.0, self.code.end, 256)
         return np.stack(
             [np.interp(at, self.levels, self.deviation[:, c]) for c in range(3)], axis=1
         ).astype(np.float32)
@@ -94,7 +96,7 @@ class AddGrain:
             return blurred
         plate = picture.linear(blurred.box)
         noise = self.model.unit_noise(blurred.box, index, self.draw)
-        rgba = regrain(blurred.rgba, plate, noise, self.model.curve)
+        rgba = regrain(blurred.rgba, plate, noise, self.model.curve, self.model.code)
         return BlurredLayer(box=blurred.box, rgba=rgba)
 
 
@@ -122,67 +124,65 @@ def past_shares(persistence: float) -> tuple[float, ...]:
     return tuple(share / energy for share in shares)
 
 
-_STEPS = 4096
-_SRGB = transfer("iec61966-2-1")
-
-
 def to_code(linear: Float32) -> Float32:
     """Display-coded sRGB of scene-linear light."""
-    return _SRGB.to_coded(linear.astype(np.float64)).astype(np.float32)
+    return SDR.to_code(linear)
 
 
 def to_linear(code: Float32) -> Float32:
     """Scene-linear light of display-coded sRGB."""
-    return _SRGB.to_linear(code.astype(np.float64)).astype(np.float32)
+    return SDR.to_linear(code)
 
 
-@lru_cache(maxsize=1)
-def _tables() -> tuple[Float32, Float32]:
-    """Codes by the root of the light, light by code, each over [0, 1]."""
-    at = np.linspace(0.0, 1.0, _STEPS + 1)
-    return to_code((at * at).astype(np.float32)), to_linear(at.astype(np.float32))
-
-
-def regrain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
+def regrain(
+    rgba: Float32, plate: Float32, noise: Float32, deviation: Float32, code: GrainCode = SDR
+) -> Float32:
     """Add noise to a layer, so that its composite is as noisy as the plate.
 
     A plate that shows through by t = 1 - alpha brings t of its noise; the rest has the deviation
-    sqrt(1 - t^2) times the plate's at the composite's level. Light beyond white is unchanged.
+    sqrt(1 - t^2) times the plate's at the composite's level. Light beyond the code is unchanged.
 
     Args:
         rgba: premultiplied scene-linear layer (h, w, 4).
         plate: scene-linear light below it (h, w, 3).
         noise: of unit deviation (h, w, 3).
-        deviation: of the plate at 256 levels from black to white (256, 3) [sRGB code].
+        deviation: of the plate at 256 levels from black to the end of the code (256, 3) [code].
+        code: of these levels.
 
     Returns:
         The layer with its noise (h, w, 4); colour may be a little below 0. Pixels without alpha
         stay as they are.
     """
     out = np.array(rgba, np.float32, order="C")
-    codes, lights = _tables()
-    plate, noise = np.ascontiguousarray(plate), np.ascontiguousarray(noise, np.float32)
-    curve = np.ascontiguousarray(deviation.T)
+    codes, lights = code.tables
+    out[..., :3] = code.normalised(out[..., :3])
+    plate, noise = code.normalised(plate), np.ascontiguousarray(noise, np.float32)
+    plate, curve = np.ascontiguousarray(plate), np.ascontiguousarray(deviation.T)
+    curve /= np.float32(code.end)
 
     def add(band: Band) -> None:
         part = slice(*band)
         kernels.regrain(out[part], plate[part], noise[part], curve, codes, lights)
 
     parallel_for(add, picture_bands(*out.shape[:2]))
+    if code.top != 1.0:
+        out[..., :3] *= np.float32(code.top)
     return out
 
 
-def regrain_reference(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> Float32:
+def regrain_reference(
+    rgba: Float32, plate: Float32, noise: Float32, deviation: Float32, code: GrainCode = SDR
+) -> Float32:
     """NumPy reference of `regrain`."""
     alpha = np.minimum(rgba[..., 3:], 1.0)
     light = rgba[..., :3] + (1.0 - alpha) * plate
-    code = to_code(np.maximum(light, 0.0))
-    levels = np.linspace(0.0, 1.0, 256)
-    spread = np.stack([np.interp(code[..., c], levels, deviation[:, c]) for c in range(3)], axis=2)
+    coded = code.to_code(np.maximum(light, 0.0))
+    levels = np.linspace(0.0, code.end, 256)
+    spread = np.stack([np.interp(coded[..., c], levels, deviation[:, c]) for c in range(3)], axis=2)
     missing = np.sqrt(1.0 - (1.0 - alpha) ** 2)
-    grained = np.clip(code + missing * spread * noise, 0.0, 1.0).astype(np.float32)
-    change = to_linear(grained) - np.maximum(light, 0.0)
-    changed = (alpha > 0.0) & (light < 1.0)
+    grained = np.clip(coded + missing * spread * noise, 0.0, code.end).astype(np.float32)
+    change = code.to_linear(grained) - np.maximum(light, 0.0)
+    changed = (alpha > 0.0) & (light < code.top)
     return np.concatenate(
         [rgba[..., :3] + np.where(changed, change, 0.0), rgba[..., 3:]], axis=2
     ).astype(np.float32)

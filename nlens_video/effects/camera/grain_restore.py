@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
-from nlens_video.effects.camera.grain import GrainModel, to_linear
+from nlens_video.effects.camera.grain import GrainModel
+from nlens_video.effects.camera.grain_code import SDR, GrainCode
 from nlens_video.kernels.thread_pool import Band, parallel_for, picture_bands
 from nlens_video.native import kernels
 
@@ -30,7 +31,7 @@ class RestoreGrain:
 
     def __init__(self, model: GrainModel, draw: int) -> None:
         self._model, self._draw = model, draw
-        self._deviation = light_deviation(model.curve)
+        self._deviation = light_deviation(model.curve, model.code)
         self._last: tuple[BlurredLayer, Box] | None = None  # reused while the shadow rests
 
     def __call__(self, picture: Picture, darkening: BlurredLayer, index: int) -> BlurredLayer:
@@ -49,21 +50,24 @@ class RestoreGrain:
         rgba = darkening.rgba.copy()
         part = rgba[box.slices_in(darkening.box)]
         noise = self._model.unit_noise(box, index, self._draw)
-        restore_grain(part, picture.linear(box), noise, self._deviation)
+        plate = self._model.code.normalised(picture.linear(box))
+        restore_grain(part, plate, noise, self._deviation)
         return BlurredLayer(box=darkening.box, rgba=rgba)
 
 
-def light_deviation(curve: Float32) -> Float32:
-    """Deviation of scene-linear light (3, 256) at even steps of its root.
+def light_deviation(curve: Float32, code: GrainCode = SDR) -> Float32:
+    """Deviation of scene-linear light (3, S) at even steps of its root, by the largest light.
 
     Args:
-        curve: deviation at 256 levels of sRGB code from black to white (256, 3) [sRGB code].
+        curve: deviation at levels from black to the end of a code (N, 3) [code].
+        code: of these levels.
     """
-    codes = np.linspace(0.0, 1.0, len(curve))
-    light = to_linear(codes.astype(np.float32)).astype(np.float64)
+    codes = np.linspace(0.0, code.end, len(curve))
+    light = code.normalised(code.to_linear(codes.astype(np.float32))).astype(np.float64)
     in_light = curve * np.gradient(light, codes)[:, None]
     roots = np.sqrt(light)
-    return np.stack([np.interp(codes, roots, in_light[:, c]) for c in range(3)]).astype(np.float32)
+    steps = np.linspace(0.0, 1.0, round(len(curve) * code.top**0.5))
+    return np.stack([np.interp(steps, roots, in_light[:, c]) for c in range(3)]).astype(np.float32)
 
 
 def restore_grain(rgba: Float32, plate: Float32, noise: Float32, deviation: Float32) -> None:
@@ -75,7 +79,7 @@ def restore_grain(rgba: Float32, plate: Float32, noise: Float32, deviation: Floa
     Args:
         rgba: layer whose colours are multiples of the plate's light (h, w, 4); may be a part of a
             wider one.
-        plate: scene-linear light below it (h, w, 3).
+        plate: light below it, by the largest of the code (h, w, 3).
         noise: of unit deviation (h, w, 3).
         deviation: as `light_deviation` gives it.
     """

@@ -60,8 +60,14 @@ class PlateNoise:
     persistence: float = 0.0
 
 
-def noise_over_time(still: Sequence[Float32], same: Bool) -> PlateNoise | None:
-    """Noise of still pictures, None where there is none."""
+def noise_over_time(still: Sequence[Float32], same: Bool, end: float = 1.0) -> PlateNoise | None:
+    """Noise of still pictures, None where there is none.
+
+    Args:
+        still: code values of each (H, W, 3).
+        same: pixels (H, W) on which nothing moves.
+        end: code value at which the plate clips.
+    """
     mean = still[0] + still[1]
     least, most = np.minimum(still[0], still[1]), np.maximum(still[0], still[1])
     for code in still[2:]:
@@ -69,7 +75,7 @@ def noise_over_time(still: Sequence[Float32], same: Bool) -> PlateNoise | None:
         np.minimum(least, code, out=least)
         np.maximum(most, code, out=most)
     mean /= np.float32(len(still))
-    used = same & _between(_CLIPPED, mean, mean) & _between(_CUT_OFF, least, most)
+    used = same & _between(_CLIPPED, mean, mean, end) & _between(_CUT_OFF, least, most, end)
     pairs = list(pairwise(still))
     if len(pairs) * used.sum() < LEAST_PIXELS or not any(
         _any_of(after != before, used) for before, after in pairs
@@ -101,11 +107,11 @@ def noise_over_time(still: Sequence[Float32], same: Bool) -> PlateNoise | None:
     )
 
 
-def _between(margin: float, least: Float32, most: Float32) -> Bool:
-    """Pixels (H, W) that keep a margin to black and to white in all channels."""
+def _between(margin: float, least: Float32, most: Float32, end: float) -> Bool:
+    """Pixels (H, W) that keep a margin to black and to the end of the code in all channels."""
     darkest = np.minimum(np.minimum(least[..., 0], least[..., 1]), least[..., 2])
     brightest = np.maximum(np.maximum(most[..., 0], most[..., 1]), most[..., 2])
-    return np.asarray((darkest > margin) & (brightest < 1.0 - margin))
+    return np.asarray((darkest > margin) & (brightest < end - margin))
 
 
 def _in_one_light(still: Sequence[Float32], mean: Float32, used: Bool) -> list[Float32]:
@@ -177,8 +183,13 @@ def _any_of(marked: Bool, used: Bool) -> bool:
     return any(bool((marked[..., c] & used).any()) for c in range(3))
 
 
-def noise_in_space(code: Float32) -> PlateNoise | None:
-    """Noise of the smoothest blocks of one picture, None where there is none."""
+def noise_in_space(code: Float32, end: float = 1.0) -> PlateNoise | None:
+    """Noise of the smoothest blocks of one picture, None where there is none.
+
+    Args:
+        code: its code values (H, W, 3).
+        end: code value at which the plate clips.
+    """
     size = _BLOCK_PX
     rows, columns = (side // size for side in code.shape[:2])
     tiles = code[: rows * size, : columns * size].reshape(rows, size, columns, size, 3)
@@ -194,7 +205,7 @@ def noise_in_space(code: Float32) -> PlateNoise | None:
     )
     rest = (blocks - level).reshape(-1, size**2)
     rest = (rest - (rest @ slopes.T / np.float32(size**2)) @ slopes).reshape(blocks.shape)
-    used = _smoothest(level[..., 0], rest)
+    used = _smoothest(level[..., 0], rest, end)
     if used.sum() * size**2 < LEAST_PIXELS or not (rest[used] != 0.0).any():
         return None
     residual, levels = (
@@ -214,14 +225,15 @@ def noise_in_space(code: Float32) -> PlateNoise | None:
     )
 
 
-def _smoothest(level: Float32, rest: Float32) -> Bool:
+def _smoothest(level: Float32, rest: Float32, end: float) -> Bool:
     """The blocks (R, C) of a picture that show nothing but noise, if any.
 
     Args:
         level: of each channel of each block (R, C, 3).
         rest: what is left of its pixels (R, C, 3, P).
+        end: code value at which the plate clips.
     """
-    unclipped = (level > _CLIPPED) & (level < 1.0 - _CLIPPED)
+    unclipped = (level > _CLIPPED) & (level < end - _CLIPPED)
     free, partly = unclipped.all(axis=2), unclipped.any(axis=2)
     used = np.zeros(free.shape, np.bool_)
     if free.any():
