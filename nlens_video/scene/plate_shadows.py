@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.core.layers import Bool, Float32, Float64, Picture
+from nlens_video.core.layers import Bool, Float32, Float64, Picture, clips_at
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp
 
@@ -23,7 +23,7 @@ _COLUMNS = 480  # width to which a plate is reduced for it [px]
 _FARTHEST = 0.1  # ground that is looked at: disparity by that of the nearest in view [1]
 _SOFT_PX = 2.0  # the ground's texture is averaged over such a Gaussian [px]
 _DARKEST = 1e-3  # light below which pixels tell nothing [1]
-_CLIPPED = 0.95  # light from which on the plate does not tell how bright it is [1]
+_CLIPPED = 0.95  # of the light at which the plate clips, from which it does not tell more [1]
 _BIN_EV = 0.1  # of histograms of how dark pixels are [EV]
 _LIT_EV, _LIT_HUE_EV = 0.35, 0.3  # lit ground: so near to its usual light and hue [EV]
 _UNIFORM = 0.3  # share of the ground that is such, at least [1]
@@ -120,18 +120,21 @@ def share_in_shadow(
     """
     columns = min(_COLUMNS, picture.width)
     rows = max(1, round(columns * picture.height / picture.width))
-    found = dark_patches(picture.downsample(columns, rows), camera, ground_y)
+    found = dark_patches(picture.downsample(columns, rows), camera, ground_y, picture.peak)
     left = None if found is None else found.share_left(toward)
     return None if left is None else np.clip(left, *_LEFT)
 
 
-def dark_patches(plate: Float32, camera: Camera, ground_y: float) -> DarkPatches | None:
+def dark_patches(
+    plate: Float32, camera: Camera, ground_y: float, peak: float = 1.0
+) -> DarkPatches | None:
     """The darker patches of the ground; None where the ground is not of one material.
 
     Args:
         plate: scene-linear (h, w, 3), of some hundred columns.
         camera: of the frame.
         ground_y: height of the ground [scene unit].
+        peak: of the plate's codes.
     """
     height, width = plate.shape[:2]
     view = camera.resized(width, height)
@@ -143,7 +146,8 @@ def dark_patches(plate: Float32, camera: Camera, ground_y: float) -> DarkPatches
     stops, light = np.log2(soft), np.log2(soft @ LUMINANCE.astype(np.float32))
     usual = _mode(light[ground])
     near = ground & (np.abs(light - usual) < 2.0 * _BIN_EV)
-    if not near.any() or float(np.exp2(np.median(stops[near], axis=0)).max()) > _CLIPPED:
+    clipped = _CLIPPED * clips_at(plate, peak)
+    if not near.any() or float(np.exp2(np.median(stops[near], axis=0)).max()) > clipped:
         return None
     reference = np.median(stops[near], axis=0)
     depth, color = light - float(np.median(light[near])), stops - reference

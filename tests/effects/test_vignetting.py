@@ -7,6 +7,7 @@ from nlens_video.core.box import square_radius
 from nlens_video.core.layers import BlurredLayer, Box
 from nlens_video.core.optics import Vignetting
 from nlens_video.effects.camera.vignetting import measure, vignette
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 FRAME = Box(0, 0, 400, 300)
@@ -46,6 +47,15 @@ def test_vignetting_does_not_modify_its_input():
     layer = opaque(FRAME)
     vignette(layer, Vignetting.of(1.0), FRAME)
     assert (layer.rgba == 1).all()
+
+
+@pytest.mark.parametrize("scale", [0.2, 8.0])
+def test_vignetting_of_light_itself_is_measured_however_bright_it_is(scale):
+    texture = np.exp2(0.2 * np.random.default_rng(5).standard_normal((300, 400)))
+    seen = scale * texture * 2.0 ** -square_radius(FRAME, FRAME)
+    light = np.repeat(seen[..., None], 3, axis=2).astype(np.float32)
+    found = measure([ArrayPicture(light, "rgb", LINEAR)])
+    assert found.value == pytest.approx(1.0, rel=0.1)
 
 
 @pytest.mark.parametrize("size", [(3840, 64), (960, 16), (200, 3), (200, 1), (3, 200), (1, 1)])

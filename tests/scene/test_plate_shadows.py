@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from support.courtyard import HEIGHT, LEFT, SEAT, TOWARD, UP, WIDTH, camera, courtyard, file_sun
 
+from nlens_video.core.layers import Box
 from nlens_video.core.settings import SUN_STRENGTH, SunSettings
 from nlens_video.scene.illumination import sun
 from nlens_video.scene.plate_environment import PLATE_COLUMNS
 from nlens_video.scene.plate_shadows import share_in_shadow
 from nlens_video.scene.scene_light import SceneLight
+from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
 
 
@@ -50,6 +52,14 @@ def test_ground_that_is_burnt_out_or_not_seen_tells_nothing():
     assert share_in_shadow(black, camera(), 0.0, TOWARD) is None
     up = camera(pitch_deg=60.0)
     assert share_in_shadow(courtyard(camera(), TOWARD), up, 0.0, TOWARD) is None
+
+
+@pytest.mark.parametrize("scale", [1.0, 6.0])
+def test_shadows_on_ground_beyond_white_are_measured_where_the_plate_is_light_itself(scale):
+    seen = courtyard(camera(), TOWARD)
+    light = np.float32(scale) * seen.linear(Box(0, 0, WIDTH, HEIGHT))
+    found = share_in_shadow(ArrayPicture(light, "rgb", LINEAR), camera(), 0.0, TOWARD)
+    assert np.log2(found) == pytest.approx(np.log2(LEFT), abs=0.06)
 
 
 def test_sun_from_straight_above_tells_nothing():

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.box import square_radius
-from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture
+from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, Picture, clips_at
 from nlens_video.core.optics import Vignetting
 from nlens_video.effects.camera.radial_fit import Windows, fit_radial
 from nlens_video.effects.measurement import Measurement
@@ -28,14 +28,16 @@ LEAST_RATIO = 8.0  # of the lens' shape to those of scenes
 _CELLS = 48  # across the picture
 _LEAST_CELLS = 3  # down it, of which the middle ones have slopes
 _DARKEST = 0.004  # light below which noise decides [1]
-_BRIGHTEST = 0.95
+_BRIGHTEST = 0.95  # of the light at which the plate clips [1]
 _MS_PER_MEGAPIXEL = 12.0
 
 
 def measure(pictures: Sequence[Picture]) -> Measurement:
     """Measure it on the first of a shot's pictures."""
     picture = pictures[0]
-    fit = fit_radial(_slopes(PlatePictures.of(pictures).light()), corner=(0.5, 0.25))
+    light = PlatePictures.of(pictures).light()
+    brightest = _BRIGHTEST * clips_at(light, picture.peak)
+    fit = fit_radial(_slopes(light, brightest), corner=(0.5, 0.25))
     scene = float(np.sqrt(np.mean(np.square(fit.others)))) if fit.others else math.inf
     model = None
     if fit.consistent and fit.at_corner > LEAST_RATIO * scene:
@@ -55,8 +57,13 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     )
 
 
-def _slopes(light: Float32) -> Windows:
-    """Slope of the light in each cell of a coarse grid, in stops by half diagonal."""
+def _slopes(light: Float32, brightest: float) -> Windows:
+    """Slope of the light in each cell of a coarse grid, in stops by half diagonal.
+
+    Args:
+        light: of the plate (H, W).
+        brightest: light beyond which it may clip.
+    """
     side = max(1, min(light.shape[1] // _CELLS, light.shape[0] // _LEAST_CELLS))
     height, width = (length // side for length in light.shape)
 
@@ -66,7 +73,7 @@ def _slopes(light: Float32) -> Windows:
         return np.asarray(small, np.float64)
 
     cells = averaged(np.log2(np.maximum(light, _DARKEST)))
-    clipped = averaged(((light < _DARKEST) | (light > _BRIGHTEST)).astype(np.float32))
+    clipped = averaged(((light < _DARKEST) | (light > brightest)).astype(np.float32))
     half = 0.5 * math.hypot(width, height)
     across = 0.5 * (cells[1:-1, 2:] - cells[1:-1, :-2]) * half
     down = 0.5 * (cells[2:, 1:-1] - cells[:-2, 1:-1]) * half
