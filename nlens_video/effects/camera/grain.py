@@ -155,10 +155,11 @@ def regrain(
     """
     out = np.array(rgba, np.float32, order="C")
     codes, lights = code.tables
-    out[..., :3] = code.normalised(out[..., :3])
-    plate, noise = code.normalised(plate), np.ascontiguousarray(noise, np.float32)
-    plate, curve = np.ascontiguousarray(plate), np.ascontiguousarray(deviation.T)
-    curve /= np.float32(code.end)
+    if code.top != 1.0:
+        out[..., :3] /= np.float32(code.top)
+    plate = np.ascontiguousarray(code.normalised(plate))
+    noise = np.ascontiguousarray(noise, np.float32)
+    curve = np.ascontiguousarray(deviation.T / np.float32(code.end))
 
     def add(band: Band) -> None:
         part = slice(*band)
