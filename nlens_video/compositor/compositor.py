@@ -205,8 +205,8 @@ class Compositor:
             SceneError: the GLB cannot be used.
             LensFitError: no usable lens fit.
         """
+        from nlens_video.video.pixels.conversion import copied, unpacked
         from nlens_video.video.pixels.picture import AvPicture
-        from nlens_video.video.pixels.pixel_formats import copied, unpacked
 
         if type(frame).__name__ != "VideoFrame":
             raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")

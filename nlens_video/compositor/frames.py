@@ -110,7 +110,7 @@ def reformatted(result: av.VideoFrame, frame: av.VideoFrame) -> av.VideoFrame:
     Raises:
         InputError: FFmpeg cannot make that format.
     """
-    from nlens_video.video.pixels.pixel_formats import take_tags
+    from nlens_video.video.pixels.conversion import take_tags
 
     if result.format.name == frame.format.name:
         return result

@@ -40,6 +40,11 @@ def test_interlaced_pictures_keep_their_fields(plate, name, codec):
     assert "interlaced" not in " ".join(notes)
 
 
+def test_fields_stay_marked_where_samples_become_rgb(plate):
+    copy(plate, plate.with_name("out.mkv"), codec="ffv1", pix_fmt="gbrp10le")
+    assert fields(plate.with_name("out.mkv")) == fields(plate)
+
+
 @pytest.mark.parametrize(
     ("name", "codec"), [("out.mov", "dnxhd"), ("out.mkv", "libx265"), ("out.nut", "rawvideo")]
 )

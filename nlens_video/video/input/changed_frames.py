@@ -21,13 +21,8 @@ from nlens_video.core.color import (
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float64
 from nlens_video.video.info import FrameTags, SourceInfo
-from nlens_video.video.pixels.pixel_formats import (
-    converted,
-    recoded,
-    resized,
-    unpacked,
-    working_format,
-)
+from nlens_video.video.pixels.conversion import converted, recoded, resized, unpacked
+from nlens_video.video.pixels.pixel_formats import working_format
 from nlens_video.video.pixels.samples import frame_tags
 
 _SHAPE_TOLERANCE = 0.01

@@ -27,9 +27,10 @@ from nlens_video.video.output.picture_files import (
     picture_options,
     whole_format,
 )
+from nlens_video.video.pixels.conversion import converted
 from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
-from nlens_video.video.pixels.pixel_formats import converted, layout, working_format
+from nlens_video.video.pixels.pixel_formats import layout, working_format
 from nlens_video.video.pixels.upright import turned
 
 

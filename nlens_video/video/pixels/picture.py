@@ -12,8 +12,8 @@ import numpy as np
 from nlens_video.core.color import ColorTags, primaries_from_bt709, transfer
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.video.pixels import blend
+from nlens_video.video.pixels.conversion import converted, copied, unpacked
 from nlens_video.video.pixels.orientation import Orientation, frame_orientation
-from nlens_video.video.pixels.pixel_formats import converted, copied, unpacked
 from nlens_video.video.pixels.samples import (
     Plane,
     Samples,
@@ -105,8 +105,7 @@ class AvPicture(SamplesPicture):
         frame: the frame; composited in place.
         tags: colour tags; default: those of the frame.
         orientation: how it is displayed; default: by the frame's display matrix.
-        chroma_siting: FFmpeg's name of where chroma lies: `center` in JPEG, `topleft` in UHD HDR10;
-            empty for `left`, as in nearly all other video of either range.
+        chroma_siting: FFmpeg's name of where chroma lies; empty for `left`, as in most video.
 
     Raises:
         InputError: the pixel format is not supported; a colour tag, once `tags` are asked for.
@@ -225,14 +224,15 @@ def picture_frame(picture: Picture, pixel_format: str, *, limited: bool = False)
         limited: whether YUV of full range becomes limited; the format is then YUV.
     """
     if isinstance(picture, AvPicture):
-        frame, tags = picture.frame, picture.tags
+        frame, tags, siting = picture.frame, picture.tags, picture.chroma_siting
     elif isinstance(picture, ArrayPicture):
         keeps = any(part.is_alpha for part in av.VideoFormat(pixel_format).components)
-        frame, tags = _array_frame(picture, alpha=keeps), None
+        frame, tags, siting = _array_frame(picture, alpha=keeps), None, ""
     else:
         raise TypeError(f"{type(picture).__name__} has no samples")
-    fits = frame.format.name == pixel_format and not limited
-    return frame if fits else converted(frame, pixel_format, tags, limited=limited)
+    if frame.format.name == pixel_format and not limited:
+        return frame
+    return converted(frame, pixel_format, tags, limited=limited, chroma_siting=siting)
 
 
 def picture_channels(picture: Picture) -> dict[str, Float32]:

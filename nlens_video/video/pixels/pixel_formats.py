@@ -1,4 +1,4 @@
-"""Pixel formats: layouts of the working formats, lossless unpacking of others, conversion."""
+"""Pixel formats: layouts of the working formats, and which of them holds another format."""
 
 from __future__ import annotations
 
@@ -6,12 +6,7 @@ import re
 from dataclasses import dataclass
 from functools import lru_cache
 
-import av
-import numpy as np
-import numpy.typing as npt
-from av.video.reformatter import Interpolation
-
-from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags, Family
+from nlens_video.core.color import Family
 from nlens_video.core.errors import InputError
 
 
@@ -53,16 +48,6 @@ _GRAY = re.compile(r"(gray|ya)(?:(f?)(\d+)(?:le)?)?")
 _PACKED = re.compile(
     r"(?:rgb|bgr)(?:24|48le|f32le)|(?:rgb|bgr)a(?:64le|f32le)?|(?:rgb|bgr)0|[a0](?:rgb|bgr)"
 )
-
-_SWS = (
-    Interpolation.BICUBIC
-    | Interpolation.ACCURATE_RND
-    | Interpolation.FULL_CHR_H_INT
-    | Interpolation.FULL_CHR_H_INP
-)
-
-_BT601 = 5
-"""Number of the matrix that libswscale converts into; as a target it does not know 6."""
 
 WORKING_FORMATS = {
     **dict.fromkeys(("nv12", "nv21"), "yuv420p"),
@@ -152,135 +137,3 @@ def _packed(name: str) -> PixelLayout:
         components=tuple((0, place) for place in order), channels=len(letters),
         alpha="a" in letters,
     )  # fmt: skip
-
-
-def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
-    """The frame in its working format, rows from the top; the same frame where it is so.
-
-    Raises:
-        InputError: its format is not supported.
-    """
-    target = working_format(frame.format.name)
-    if target != frame.format.name:
-        return converted(frame, target)
-    return _from_the_top(frame) if any(one.line_size < 0 for one in frame.planes) else frame
-
-
-def _from_the_top(frame: av.VideoFrame) -> av.VideoFrame:
-    """A copy of a frame whose rows lie in memory from the bottom up, as FFmpeg's of PFM files."""
-    made = av.VideoFrame(frame.width, frame.height, frame.format.name)
-    for mine, theirs in zip(made.planes, frame.planes, strict=True):
-        rows, own = (
-            np.frombuffer(memoryview(one), np.uint8).reshape(one.height, abs(one.line_size))
-            for one in (theirs, mine)
-        )
-        width = min(rows.shape[1], own.shape[1])
-        own[:, :width] = rows[::-1, :width]
-    take_tags(made, frame)
-    made.duration = frame.duration
-    return made
-
-
-def resized(frame: av.VideoFrame, width: int, height: int) -> av.VideoFrame:
-    """The frame in another size, its format and tags kept."""
-    matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
-    span = frame.color_range or 1
-    result = frame.reformat(
-        width=width, height=height, src_colorspace=matrix, dst_colorspace=matrix,
-        src_color_range=span, dst_color_range=span, interpolation=_SWS,
-    )  # fmt: skip
-    copy_colour_tags(result, frame)
-    return result
-
-
-def recoded(frame: av.VideoFrame, was: ColorTags, becomes: ColorTags) -> av.VideoFrame:
-    """The frame, of YUV, in the codes of another matrix and range; its tags are to be set."""
-    matrices = {name: number for number, name in MATRICES.items()} | {"smpte170m": _BT601}
-    name, full = frame.format.name, FULL_RANGE
-    plain = name.replace("yuvj", "yuv")
-    if plain != name:  # libswscale takes yuvj for full range, whatever it is told
-        frame = frame.reformat(format=plain, src_color_range=full, dst_color_range=full)
-    return frame.reformat(
-        format=name, src_colorspace=matrices[was.matrix], dst_colorspace=matrices[becomes.matrix],
-        src_color_range=full if was.full_range else 1,
-        dst_color_range=full if becomes.full_range else 1, interpolation=_SWS,
-    )  # fmt: skip
-
-
-def copy_colour_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
-    """Copy the colour tags of a frame to one that was made from it."""
-    for name in ("colorspace", "color_range", "color_primaries", "color_trc"):
-        setattr(made, name, getattr(frame, name))
-
-
-def take_tags(made: av.VideoFrame, frame: av.VideoFrame) -> None:
-    """Copy the time and the colour tags of a frame to one that was made from it."""
-    made.pts = frame.pts
-    if frame.time_base is not None:  # frames that no decoder has made have none
-        made.time_base = frame.time_base
-    copy_colour_tags(made, frame)
-
-
-def copied(frame: av.VideoFrame) -> av.VideoFrame:
-    """A frame with samples of its own."""
-    copy = av.VideoFrame(frame.width, frame.height, frame.format.name)
-    for mine, theirs in zip(copy.planes, frame.planes, strict=True):
-        rows, own = _rows(theirs), _rows(mine)
-        height, width = np.minimum(rows.shape, own.shape)
-        own[:height, :width] = rows[:height, :width]
-    take_tags(copy, frame)
-    return copy
-
-
-def _rows(plane: av.video.plane.VideoPlane) -> npt.NDArray[np.uint8]:
-    """The bytes of a plane by rows, padding included; a palette, which has no rows, as one."""
-    flat = np.frombuffer(memoryview(plane), np.uint8)
-    return flat.reshape(-1, plane.line_size or plane.buffer_size)
-
-
-def _is_grey(name: str) -> bool:
-    return _GRAY.match(name) is not None
-
-
-def converted(
-    frame: av.VideoFrame, target: str, tags: ColorTags | None = None, *, limited: bool = False,
-    bt601: bool = False,
-) -> av.VideoFrame:  # fmt: skip
-    """The frame in another pixel format, at its own time.
-
-    Between two YUV or two RGB formats matrix and range stay, but with `limited` YUV becomes
-    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses BT.709, or with `bt601` that, in
-    limited range, or for `yuvj` BT.601 in full range as in JPEG, and tags the result so.
-
-    Args:
-        frame: any.
-        target: FFmpeg's name of a pixel format.
-        tags: colour tags of the frame; needed from YUV to RGB.
-        limited: whether YUV of full range is to become limited; for YUV alone.
-        bt601: whether RGB or grey is to become YUV of BT.601.
-    """
-    was, becomes = av.VideoFormat(frame.format.name).is_rgb, av.VideoFormat(target).is_rgb
-    matrix = frame.colorspace if frame.colorspace not in (0, 2) else 1
-    span = frame.color_range or 1
-    if tags is not None and not was and tags.matrix != "gbr":
-        matrix = next(number for number, name in MATRICES.items() if name == tags.matrix)
-        span = FULL_RANGE if tags.full_range else 1
-    to_yuv = (was or _is_grey(frame.format.name)) and not becomes and not _is_grey(target)
-    jpeg = target.startswith("yuvj")
-    made = (5 if jpeg or bt601 else 1) if to_yuv else matrix
-    result = frame.reformat(
-        format=target, src_colorspace=matrix, dst_colorspace=made,
-        src_color_range=span,
-        dst_color_range=FULL_RANGE if jpeg else 1 if to_yuv or limited else span,
-        interpolation=_SWS,
-    )  # fmt: skip
-    result.color_primaries, result.color_trc = frame.color_primaries, frame.color_trc
-    result.colorspace = made if to_yuv else 0 if becomes else frame.colorspace
-    if to_yuv or becomes:
-        result.color_range = FULL_RANGE if becomes or jpeg else 1
-    else:
-        result.color_range = 1 if limited else FULL_RANGE if jpeg else frame.color_range
-    result.pts, result.duration = frame.pts, frame.duration
-    if frame.time_base is not None:
-        result.time_base = frame.time_base
-    return result

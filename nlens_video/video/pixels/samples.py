@@ -32,7 +32,7 @@ STEPS_BITS = 7
 """Tables have 2**7 linear pieces per octave, from 2**-40 to 2**32, and one from 0 up to them."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class Axis:
     """Subsampling of the second and third component along one axis.
 

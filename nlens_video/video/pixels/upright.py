@@ -8,9 +8,10 @@ from typing import Any
 import av
 
 from nlens_video.core.layers import Picture
+from nlens_video.video.pixels.conversion import converted, take_tags
 from nlens_video.video.pixels.orientation import Orientation
 from nlens_video.video.pixels.picture import AvPicture, picture_frame
-from nlens_video.video.pixels.pixel_formats import converted, layout, take_tags
+from nlens_video.video.pixels.pixel_formats import layout
 from nlens_video.video.pixels.samples import plane_rows
 
 _UNEQUAL = re.compile("422|411|440")
