@@ -1,4 +1,4 @@
-"""Standard streams: output for data, error for messages.
+"""Standard streams: input and output for data, error for messages.
 
 Each may be closed from the start, lose its reader, or lack characters in its encoding.
 """
@@ -9,6 +9,7 @@ import codecs
 import io
 import os
 import re
+import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout
@@ -36,6 +37,22 @@ def prepare_streams() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors=_CHARACTERS)
+
+
+class StandardInput(io.FileIO):
+    """The bytes of standard input as they come: a read gives what is there.
+
+    `sys.stdin` waits until it has all that is asked for, which holds back small packets.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(sys.stdin.fileno(), closefd=False)
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """What is there, up to a number of bytes; it is waited for, and empty at the end."""
+        while (data := super().read(-1 if size is None else size)) is None:
+            select.select([self], [], [])  # another program made the pipe non-blocking
+        return data
 
 
 def _plainly(error: UnicodeError) -> tuple[bytes, int]:

@@ -6,7 +6,6 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import av
 import av.container
@@ -17,6 +16,7 @@ from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, too_large
+from nlens_video.core.stdio import StandardInput
 from nlens_video.video.info import Kind, is_cover
 from nlens_video.video.input.lost_connections import explain_lost, why_lost
 from nlens_video.video.named_files import DEFAULT_RATE, ImageSequence, exists, is_file
@@ -110,10 +110,10 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     return container, kind
 
 
-def _standard_input() -> BinaryIO:
+def _standard_input() -> StandardInput:
     if sys.stdin is None:  # closed from the start
         raise InputError("standard input: it is closed; pipe a stream in or name a file")
-    return sys.stdin.buffer
+    return StandardInput()
 
 
 def videos(container: av.container.InputContainer) -> list[av.video.stream.VideoStream]:
