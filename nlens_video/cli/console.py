@@ -194,7 +194,7 @@ class Console:
         if timing.latency_median_ms:
             self._say(
                 "live",
-                f"from capture to output {timing.latency_median_ms:.0f} ms in the median, "
+                f"from decoding to writing {timing.latency_median_ms:.0f} ms in the median, "
                 f"p95 {timing.latency_p95_ms:.0f} ms; {timing.dropped} late frames left out",
             )
         if outcome.damaged:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import urlsplit
@@ -23,6 +24,10 @@ _CAMERAS = "/dev/video"
 _SOUND_ONLY = ("mp3", "flac")
 """Muxers whose default video codec is for covers only."""
 _MP4_FAMILY = (".mp4", ".mov", ".m4v", ".3gp")
+_WAIT_S = Fraction(1, 5)
+"""Time for which pictures of a stream wait for its sound, which may pause; FFmpeg's is 10 s [s]."""
+_HELD = 80
+"""Frames that encoders hold back, and sound must wait for: SVT-AV1 74, x264 41 [1]."""
 _FRAGMENTED = {"movflags": "frag_keyframe+delay_moov+default_base_moof"}
 """Fragmented MP4 and MOV: a pipe cannot be rewound to write the index."""
 
@@ -112,6 +117,17 @@ class StreamOutput:
             ) from error
         except (av.FFmpegError, OSError) as error:
             raise OutputError(f"{spec}: cannot be written ({error.strerror})") from error
+
+    def limit_wait(self, codec: av.Codec, rate: Fraction) -> None:
+        """Set how long a packet waits for those of other streams; call before the first one.
+
+        Args:
+            codec: the encoder of the pictures.
+            rate: of these [1/s].
+        """
+        wait_s = _WAIT_S + (_HELD / rate if codec.delay else 0)
+        ticks = round(wait_s * av.time_base)
+        self.container.container_options["max_interleave_delta"] = str(ticks)
 
     def close(self) -> None:
         """Close a pipe, so that its reader sees the end."""

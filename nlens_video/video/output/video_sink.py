@@ -279,6 +279,8 @@ class VideoSink(Sink):
             context.codec_tag = entry
         set_tags(stream, info)
         set_colour(context, self._colour.tags)
+        if self._direct is not None:
+            self._direct.limit_wait(context.codec, rate)
         try:
             with ordinary_priority():
                 open_in_background(context.open)
