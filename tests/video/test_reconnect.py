@@ -11,7 +11,6 @@ import pytest
 from support import shots
 
 from nlens_video.cli.main import main
-from nlens_video.core.errors import InputError
 from nlens_video.core.settings import SourceSettings
 from nlens_video.run.plate_source import opened
 from nlens_video.video.input.reconnect import Arrivals, Reconnecting
@@ -110,11 +109,14 @@ def test_source_that_does_not_return_ends_the_stream(clips):
         assert source.lost == 0
 
 
-def test_different_frame_size_after_reconnecting_is_refused_in_one_line(clips):
+def test_source_that_returns_in_another_size_goes_on_in_that_of_the_first_with_a_note(clips):
     answers = [(clips / name).read_bytes() for name in ("whole.mkv", "wide.mkv")]
     with Server(*answers) as server, Reconnecting(lambda: open_source(server.url), 1.0) as source:
-        with pytest.raises(InputError, match="came back with 320x"):
-            list(source)
+        shapes = [frame.picture.srgb().shape for frame in source]
+        (note,) = (one for one in source.warnings() if "another form" in one)
+    assert shapes == 16 * [(shots.HEIGHT, shots.WIDTH, 3)]
+    assert f"4 frames had another form (from frame 12 on, 320x{shots.HEIGHT} " in note
+    assert any("as wide as high" in one for one in source.warnings())
 
 
 @pytest.mark.parametrize("spec", ["-", "whole.mkv"])

@@ -10,8 +10,11 @@ from dataclasses import replace
 from fractions import Fraction
 
 from nlens_video.core.errors import InputError
-from nlens_video.video.info import Packet, SourceFrame, SourceInfo
+from nlens_video.core.layers import Picture
+from nlens_video.video.info import Packet, SourceFrame
+from nlens_video.video.input.changed_frames import Conform
 from nlens_video.video.interfaces import Source, SwitchingSource
+from nlens_video.video.pixels.picture import AvPicture
 
 _RETRY_S = 0.5
 _PROMPT_FRAMES = 512
@@ -64,7 +67,8 @@ class Reconnecting(SwitchingSource):
 
     Frame numbers continue. Times skip the gap: the first frame of a new connection is as much later
     as the clock says (see `Arrivals`), and packets of other streams (sound) are shifted by the same
-    amount. Streams that the first connection did not have are left out.
+    amount. Streams that the first connection did not have are left out. Frames of another size or
+    format become as those of the first, as where they change within a source.
 
     Args:
         connect: opens the source.
@@ -89,6 +93,7 @@ class Reconnecting(SwitchingSource):
         self._packet_ends: dict[int, Fraction] = {}  # last time by stream [s]
         self._start: Fraction | None = None  # of the first frame [s]
         self._last = Fraction(0)  # time of the last frame in the output [s]
+        self._conform: Conform | None = None
         self._arrivals: Arrivals | None = None  # of this connection, or the last before it
         self.lost = 0
 
@@ -110,13 +115,35 @@ class Reconnecting(SwitchingSource):
                 arrivals.see(moment, time.monotonic())
                 if self._start is None:
                     self._start = moment
+                    self._conform = self._form_of(frame)
                 yield self._retimed(frame, index, moment)
                 self._last = moment
                 index += 1
             if not self._reconnect():
                 return
 
+    def warnings(self) -> tuple[str, ...]:
+        """Irregularities of the connections so far, other than damaged packets."""
+        return (*super().warnings(), *(self._conform.notes() if self._conform else ()))
+
+    def _form_of(self, first: SourceFrame) -> Conform:
+        assert isinstance(first.picture, AvPicture)  # what can be reopened is read by FFmpeg
+        return Conform(first.picture.frame, self.info, self.info.sample_aspect_ratio)
+
+    def _conformed(self, picture: Picture, index: int) -> Picture:
+        """A picture of a later connection in the form of the first one's."""
+        assert isinstance(picture, AvPicture)
+        assert self._conform is not None
+        made = self._conform(picture.frame, index, self._connection.info.sample_aspect_ratio)
+        if made is picture.frame:
+            return picture
+        return AvPicture(
+            made, self.info.tags, orientation=self.info.orientation,
+            chroma_siting=self.info.chroma_siting,
+        )  # fmt: skip
+
     def _retimed(self, frame: SourceFrame, index: int, moment: Fraction) -> SourceFrame:
+        """A frame as the output has it: its number, time and form."""
         if not self.lost:
             return frame
         pts = round(moment / self.info.time_base)
@@ -124,6 +151,7 @@ class Reconnecting(SwitchingSource):
         return replace(
             frame, index=index, pts=pts, time_base=self.info.time_base, duration=duration,
             time_s=float(moment - (self._start or 0)),
+            picture=self._conformed(frame.picture, index),
         )  # fmt: skip
 
     def _begin(self, first: Fraction) -> tuple[Fraction, Arrivals]:
@@ -145,11 +173,7 @@ class Reconnecting(SwitchingSource):
         return shift, self._arrivals
 
     def _reconnect(self) -> bool:
-        """Wait for the source and open it again; whether it came back.
-
-        Raises:
-            InputError: size or pixel format have changed.
-        """
+        """Wait for the source and open it again; whether it came back."""
         self._connection.close()
         deadline = time.monotonic() + self._patience_s
         while not self._closed.wait(_RETRY_S):
@@ -161,18 +185,10 @@ class Reconnecting(SwitchingSource):
                 continue
             self._opened_s = time.monotonic()
             self._switch_to(again)
-            self._check(again.info)
             self._shift = None
             self.lost += 1
             return True
         return False
-
-    def _check(self, info: SourceInfo) -> None:
-        was, now = (f"{one.width}x{one.height} {one.pixel_format}" for one in (self.info, info))
-        if was != now:
-            raise InputError(
-                f"{self.info.name}: came back with {now} after {was}; start again for other frames"
-            )
 
     def _forward(self, packet: Packet) -> None:
         """Pass on a packet in the output's time; drop those of new streams and of earlier times."""
