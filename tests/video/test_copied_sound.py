@@ -1,5 +1,8 @@
 """Packets of sound that are copied: those that are shown, all of them, in sync."""
 
+import os
+import subprocess
+import sys
 from fractions import Fraction
 
 import av
@@ -9,6 +12,23 @@ from support.clips import copy, noise_frame, read_packets
 
 RATE = 48000
 BLOCK = 1024
+LATE = """
+import sys
+from nlens_video.video.input.source import open_source
+from nlens_video.video.output.sink import open_sink
+
+packets = []
+source = open_source(sys.argv[1])
+source.packet_sink = packets.append
+with open_sink(sys.argv[2], source.info) as sink:
+    frames = list(source)
+    source.close()
+    for packet in packets:
+        sink.write_packet(packet)
+    for frame in frames:
+        sink.write(frame)
+    sink.commit()
+"""
 
 
 def write_plate(path, codec="aac", *, seconds=3):
@@ -104,3 +124,14 @@ def test_sound_at_the_time_of_the_packet_before_is_kept(tmp_path, name):
     notes = copy(plate, tmp_path / name)
     assert not any("damaged" in note for note in notes)
     assert read_packets(tmp_path / name) == read_packets(plate)
+
+
+def test_packets_outlive_the_source_that_they_were_read_from(tmp_path):
+    """A lost connection is closed while its last packets wait to be written."""
+    write_plate(tmp_path / "in.mkv")
+    script = tmp_path / "late.py"
+    script.write_text(LATE)
+    command = [sys.executable, script, tmp_path / "in.mkv", tmp_path / "out.mkv"]
+    # freed memory is overwritten at once, not by chance
+    subprocess.run(command, check=True, env={**os.environ, "MALLOC_PERTURB_": "165"})
+    assert read_packets(tmp_path / "out.mkv") == read_packets(tmp_path / "in.mkv")

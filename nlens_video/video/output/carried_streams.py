@@ -64,6 +64,7 @@ class CarriedStreams:
         self._frame_s = 1 / (info.average_rate or Fraction(25))
         self._container = container
         self._name = container.format.name
+        self._types = {one.index: one.type for one in info.copied}
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
         self._covers: list[tuple[Stream, bytes]] = []
         self._hidden: dict[int, Packet] = {}  # the last packet of each sound that is not shown
@@ -126,10 +127,11 @@ class CarriedStreams:
         Raises:
             av.FFmpegError: the disk is full, or the container refuses it.
         """
-        if packet.stream.index in self._awaited and not self._begins(packet):
+        index = packet.stream_index  # a lost connection is closed, and its streams are gone
+        if index in self._awaited and not self._begins(packet):
             return
-        target = self._targets.get(packet.stream.index)
-        if self._ends_s is not None and packet.stream.type == "subtitle":
+        target = self._targets.get(index)
+        if self._ends_s is not None and self._types.get(index) == "subtitle":
             _end_by(packet, self._ends_s)
         try:
             if isinstance(target, SubtitleEncoder) and packet.is_discard:
@@ -202,7 +204,8 @@ class CarriedStreams:
         A video is decoded from its hidden packets on, sound from the last one of them on: its first
         samples overlap. Where there are no times that one would delay the sound.
         """
-        index, kind = packet.stream.index, packet.stream.type
+        index = packet.stream_index
+        kind = self._types[index]
         if self._name in MP4_FAMILY or kind == "video":
             return [packet]
         if packet.is_discard:
@@ -217,7 +220,7 @@ class CarriedStreams:
 
         Some recorders write such sound, and rounding to a muxer's ticks makes it.
         """
-        index, dts, last = packet.stream.index, packet.dts, self._last.get(packet.stream.index)
+        index, dts, last = packet.stream_index, packet.dts, self._last.get(packet.stream_index)
         at_s = None if dts is None else dts * Fraction(packet.time_base or 1)
         packet.stream = target
         try:
@@ -234,7 +237,7 @@ class CarriedStreams:
 
     def _begins(self, packet: Packet) -> bool:
         """Whether a packet is the first key frame of a video; notes how late it is."""
-        index = packet.stream.index
+        index = packet.stream_index
         if not packet.is_keyframe:
             self._awaited[index] = True
             return False
