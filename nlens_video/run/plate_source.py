@@ -35,10 +35,10 @@ def opened(given: SourceSettings, *, sparse: bool = False) -> Iterator[Source]:
 
     seekable = given.frames[0] > 0 and can_be_read_again(given.spec)
 
-    def connect() -> Source:
+    def connect(within_s: float | None = None) -> Source:
         if seekable:
             return open_seekable(given.spec, **given.hints)
-        return open_source(given.spec, **given.hints, sparse=sparse)
+        return open_source(given.spec, within_s, **given.hints, sparse=sparse)
 
     def reconnecting() -> Source:
         return Reconnecting(connect, given.reconnect_s) if given.reconnect_s else connect()

@@ -3,8 +3,11 @@
 import contextlib
 import socket
 import threading
+import time
 from contextlib import ExitStack
 from fractions import Fraction
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,7 +62,7 @@ def test_video_and_audio_resume_after_a_lost_connection_with_the_gap_in_time(cli
     whole = (clips / "whole.mkv").read_bytes()
     packets = []
     with Server(whole, whole) as server, ExitStack() as stack:
-        source = Reconnecting(lambda: open_source(server.url), 1.0)
+        source = Reconnecting(partial(open_source, server.url), 1.0)
         stack.enter_context(source)
         source.packet_sink = lambda packet: packets.append(
             (packet.stream.index, packet.dts * packet.time_base)
@@ -104,14 +107,43 @@ def test_clock_of_a_source_that_drifts_does_not_change_the_length_of_a_gap():
 @pytest.mark.slow
 def test_source_that_does_not_return_ends_the_stream(clips):
     whole = (clips / "whole.mkv").read_bytes()
-    with Server(whole) as server, Reconnecting(lambda: open_source(server.url), 0.6) as source:
+    with Server(whole) as server, Reconnecting(partial(open_source, server.url), 0.6) as source:
         assert len(list(source)) == 12
         assert source.lost == 0
 
 
+def test_source_whose_opening_blocks_is_given_up_in_time(clips):
+    """A listener waits for a caller who does not come."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    sender = threading.Thread(target=_send, args=(port, clips / "whole.mkv"), daemon=True)
+    sender.start()
+    url = f"tcp://127.0.0.1:{port}?listen=1"
+    ended = []
+
+    def read() -> None:
+        with Reconnecting(partial(open_source, url), 1.0) as source:
+            ended.append(len(list(source)))
+
+    reader = threading.Thread(target=read, daemon=True)
+    reader.start()
+    reader.join(10)
+    assert ended == [12]
+
+
+def _send(port: int, path: Path) -> None:
+    """Send a file as soon as somebody listens."""
+    for _ in range(100):
+        with contextlib.suppress(ConnectionRefusedError):
+            with socket.create_connection(("127.0.0.1", port)) as line:
+                line.sendall(path.read_bytes())
+                return
+        time.sleep(0.05)
+
+
 def test_source_that_returns_in_another_size_goes_on_in_that_of_the_first_with_a_note(clips):
     answers = [(clips / name).read_bytes() for name in ("whole.mkv", "wide.mkv")]
-    with Server(*answers) as server, Reconnecting(lambda: open_source(server.url), 1.0) as source:
+    with Server(*answers) as server, Reconnecting(partial(open_source, server.url), 1.0) as source:
         shapes = [frame.picture.srgb().shape for frame in source]
         (note,) = (one for one in source.warnings() if "another form" in one)
     assert shapes == 16 * [(shots.HEIGHT, shots.WIDTH, 3)]

@@ -42,19 +42,21 @@ STRICT = DECODER | {"err_detect": "explode"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InputHints:
-    """The user's options for an input that does not describe itself.
+    """How to open an input, and what it does not say of itself.
 
     Attributes:
         format: FFmpeg's name of a container or device, or of a pixel format: then raw video.
         size: `WIDTHxHEIGHT`.
         rate: frames per second, `25` or `30000/1001`.
         transfer: name in `color.TRANSFERS`, overrides the tag.
+        within_s: how long opening may wait, None for as long as it takes [s].
     """
 
     format: str | None = None
     size: str | None = None
     rate: str | None = None
     transfer: str | None = None
+    within_s: float | None = None
 
 
 def can_be_read_again(spec: str) -> bool:
@@ -96,7 +98,8 @@ def open_container(spec: str, hints: InputHints) -> tuple[av.container.InputCont
     options |= DECODER  # for what probing decodes
     began = time.monotonic()
     try:
-        container = av.open(file, "r", format=format_, options=options)
+        limits = (hints.within_s, None)  # of opening, and none of later reads
+        container = av.open(file, "r", format=format_, options=options, timeout=limits)
     except (av.FFmpegError, OSError, ValueError) as error:
         lost = why_lost(spec, error, time.monotonic() - began)
         raise InputError(explain_lost(spec, lost) if lost else _explain(spec, error)) from error

@@ -71,7 +71,7 @@ class Reconnecting(SwitchingSource):
     format become as those of the first, as where they change within a source.
 
     Args:
-        connect: opens the source.
+        connect: opens the source within a time, None for as long as it takes [s].
         patience_s: how long to wait for a lost source [s].
 
     Attributes:
@@ -81,8 +81,8 @@ class Reconnecting(SwitchingSource):
         InputError: it cannot be opened the first time.
     """
 
-    def __init__(self, connect: Callable[[], Source], patience_s: float) -> None:
-        super().__init__(connect())
+    def __init__(self, connect: Callable[[float | None], Source], patience_s: float) -> None:
+        super().__init__(connect(None))
         self._opened_s = time.monotonic()  # the first frame of the connection has come
         self._connect = connect
         self._patience_s = patience_s
@@ -177,8 +177,9 @@ class Reconnecting(SwitchingSource):
         self._connection.close()
         deadline = time.monotonic() + self._patience_s
         while not self._closed.wait(_RETRY_S):
+            left_s = deadline - time.monotonic()
             try:
-                again = self._connect()
+                again = self._connect(max(left_s, _RETRY_S))  # a listener, say, waits for good
             except InputError:
                 if time.monotonic() > deadline:
                     return False

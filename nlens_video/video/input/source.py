@@ -36,13 +36,12 @@ _RETRIES = 8
 """Read errors in a row after which a source counts as ended."""
 MOST_UNDECODABLE = 500
 """Packets in a row without a picture after which a source counts as ended."""
-
-
 _MOST_THREADS = 16  # of a decoder: FFmpeg warns of more
 
 
 def open_source(
     spec: str,
+    within_s: float | None = None,
     *,
     input_format: str | None = None,
     input_size: str | None = None,
@@ -54,6 +53,7 @@ def open_source(
 
     Args:
         spec: video file, picture, `%04d` sequence, device, URL, or `-` for standard input.
+        within_s: how long opening may wait, None for as long as it takes [s].
         input_format: FFmpeg's name of a container or device, or a pixel format for raw video.
         input_size: `WIDTHxHEIGHT` of raw video or of a device.
         input_rate: frames per second of raw video, of a device or of a sequence.
@@ -67,8 +67,9 @@ def open_source(
             states itself, a transfer function for OpenEXR.
     """
     hints = InputHints(
-        format=input_format, size=input_size, rate=input_rate, transfer=input_transfer
-    )
+        format=input_format, size=input_size, rate=input_rate, transfer=input_transfer,
+        within_s=within_s,
+    )  # fmt: skip
     if spec.lower().endswith(".exr") and input_format is None:
         for word, given in (("size", input_size), ("transfer", input_transfer)):
             if given is not None:
