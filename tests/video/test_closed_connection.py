@@ -49,3 +49,11 @@ def test_reader_of_a_named_pipe_that_leaves_is_no_error(clip, tmp_path):
         copy(clip, pipe)
     thread.join()
     assert caught.value.exit_code == 0
+
+
+def test_address_that_nobody_serves_is_told_and_not_the_disk(clip):
+    with socket.create_server(("127.0.0.1", 0)) as closed:
+        port = closed.getsockname()[1]
+    with pytest.raises(OutputError, match="check the address and what listens there") as caught:
+        copy(clip, f"tcp://127.0.0.1:{port}")
+    assert not any(word in str(caught.value) for word in ("disk", "--codec", "\n"))

@@ -236,8 +236,12 @@ class VideoSink(Sink):
             raise ReaderGone(f"{self._spec}: nobody reads it any more") from error
         except (av.FFmpegError, OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
+            remedy = "the disk, --codec and --pix-fmt"
+            if "://" in self._spec:
+                network = isinstance(error, OSError)  # what does not suit a muxer is another error
+                remedy = "the address and what listens there" if network else "--codec, --pix-fmt"
             raise OutputError(
-                f"{self._spec}: cannot be written ({reason}); check the disk, --codec and --pix-fmt"
+                f"{self._spec}: cannot be written ({reason}); check {remedy}"
             ) from error
 
     def _open_container(self) -> av.container.OutputContainer:
