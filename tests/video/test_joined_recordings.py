@@ -1,6 +1,7 @@
 """Recordings that are joined by `cat`: times begin anew within the file, at one place a stream."""
 
 from fractions import Fraction
+from itertools import pairwise
 
 import av
 import numpy as np
@@ -21,7 +22,7 @@ def write_part(path, *, loud, seconds=SECONDS, subtitle=False):
         video = out.add_stream("libx264", 25, {"preset": "veryfast", "bf": "2"})
         video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
         sound = out.add_stream("aac", RATE, layout="mono")
-        for index in range(25 * seconds):
+        for index in range(round(25 * seconds)):
             frame = noise_frame(64, 48, "yuv420p", index)
             luma = np.full(frame.planes[0].buffer_size, 200 if loud else 40, np.uint8)
             frame.planes[0].update(luma.tobytes())
@@ -56,7 +57,7 @@ def loudness(path):
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv", "ts"])
-@pytest.mark.parametrize("lengths", [(2, 2), (2, 5), (5, 2)])
+@pytest.mark.parametrize("lengths", [(2, 2), (2, 5), (5, 2), (0.6, 3)])
 def test_sound_of_joined_recordings_is_whole_and_stays_with_the_pictures(tmp_path, ending, lengths):
     parts = [
         write_part(tmp_path / f"{loud}.ts", loud=bool(loud), seconds=seconds)
@@ -65,8 +66,13 @@ def test_sound_of_joined_recordings_is_whole_and_stays_with_the_pictures(tmp_pat
     out = tmp_path / f"out.{ending}"
     notes = copy(joined(tmp_path, *parts), out)
     assert not any("damaged" in note for note in notes)
+    with open_source(str(tmp_path / "joined.ts")) as source:
+        assert len(list(source)) == 25 * sum(lengths)
+        assert not source.damaged
     seen, heard = brightness(out), loudness(out)
     assert len(seen) == 25 * sum(lengths)
+    steps = [later - moment for (moment, _), (later, _) in pairwise(seen)]
+    assert min(steps) > 0.03
     assert sum(length for _, length, _ in heard) == pytest.approx(sum(lengths), abs=0.1)
     bright = next(moment for moment, luma in seen if luma > 60)
     loud = next(moment for moment, _, level in heard if level > 0.1)

@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from nlens_video.video.info import Packet
-from nlens_video.video.input.repair import BACK_S, SourceClock
+from nlens_video.video.input.repair import SourceClock, begins_anew
 
 _DECODING = 64
 """Frames by which decoded pictures are behind the packets that are read, at the most [1]."""
@@ -38,20 +38,22 @@ class PassedPackets:
     def __init__(self) -> None:
         self._waiting: deque[_Waiting] = deque()
         self._part = self._settled = self._shown = 0
-        self._now_s: Fraction | None = None  # of the pictures' packets
+        self._last: int | None = None  # of the pictures' packets [ticks]
+        self._now_s: Fraction | None = None  # the same
         self._before_s = Fraction(0)  # of their last one before the part
         self._parts: dict[int, int] = {}
         self._passed: dict[int, int] = {}
 
-    def see(self, packet: Packet) -> None:
-        """Note the time of a packet of the pictures."""
+    def see(self, packet: Packet) -> bool:
+        """Note the time of a packet of the pictures; whether another recording begins with it."""
         if packet.dts is None or not packet.time_base:
-            return
-        now_s = packet.dts * Fraction(packet.time_base)
-        if self._now_s is not None and now_s <= self._now_s - BACK_S:
+            return False
+        begins = begins_anew(packet, self._last)
+        if begins:
             self._part += 1
-            self._before_s = self._now_s
-        self._now_s = now_s
+            self._before_s = self._now_s or Fraction(0)
+        self._last, self._now_s = packet.dts, packet.dts * Fraction(packet.time_base)
+        return begins
 
     def add(self, packet: Packet) -> None:
         """Add a packet that was read."""

@@ -17,7 +17,7 @@ from nlens_video.video.info import Packet, SourceInfo, is_cover
 from nlens_video.video.input.open import DECODER
 
 BACK_S = 1
-"""Time stamps that step back by more restart, as in concatenated recordings [s]."""
+"""Time stamps of frames that step back by more restart, as in concatenated recordings [s]."""
 _AHEAD_S = 10
 """Time stamps further beyond the stated length are wrong [s]."""
 _LONGEST_PAUSE_S = 24 * 3600
@@ -29,6 +29,19 @@ _PARSED = 3
 """Packets that a demuxer parses at once: it may mark an earlier one than the last read [1]."""
 _REORDERED = 16
 """Frames by which a picture may be shown later than it is decoded [1]."""
+
+
+def begins_anew(packet: Packet, last: int | None) -> bool:
+    """Whether another recording begins with a packet: its decoding time steps back by a frame.
+
+    Args:
+        packet: of the pictures.
+        last: decoding time of the one before it, None where unknown [ticks].
+    """
+    if packet.dts is None or last is None or not packet.time_base:
+        return False
+    unit = Fraction(packet.time_base)
+    return (packet.dts - last) * unit <= -min((packet.duration or 0) * unit or BACK_S, BACK_S)
 
 
 class SourceClock:
@@ -43,12 +56,15 @@ class SourceClock:
         frames: so far [1].
         step: from a frame to the next [ticks].
         offsets: what is added since each step back in time that still holds [ticks].
+        joined: whether times begin anew with the next frame that is not later than the last: what
+            steps back by less than `BACK_S` else came out of turn.
     """
 
     def __init__(self, info: SourceInfo) -> None:
         self.time_base = info.time_base
         self.repaired = self.frames = 0
         self.offsets: list[int] = []
+        self.joined = False
         self._exact_step = 1 / (info.average_rate or 25) / info.time_base
         self.step = max(1, round(self._exact_step))
         self._length_s = info.duration_s
@@ -84,6 +100,7 @@ class SourceClock:
             back = pts + self._shift < self._last
             self._shift = following - pts
             self.offsets += [self._shift] if back else []
+            self.joined = False
             self.repaired += 1
         if pts + self._shift <= self._last:
             self.repaired += 1
@@ -101,6 +118,8 @@ class SourceClock:
 
     def _is_leap(self, pts: int) -> bool:
         """Whether a time stamp is implausibly far from the last frame's."""
+        if self.joined and pts < self._last:
+            return True
         distance_s = (pts - self._last) * self.time_base
         if self._length_s is None:
             return not -BACK_S < distance_s < _LONGEST_PAUSE_S
@@ -186,7 +205,7 @@ class Damage:
 
         Where recordings are joined they mark one of the last before, of which nothing is.
         """
-        if self._since_mark < _PARSED and self._is_joined(packet):
+        if self._since_mark < _PARSED and begins_anew(packet, self._last):
             self.count -= 1
             self._at.pop()
         self._since_mark += 1
@@ -194,11 +213,6 @@ class Damage:
         if packet.is_corrupt:
             self._since_mark = 0
             self.add(packet.pts)
-
-    def _is_joined(self, packet: Packet) -> bool:
-        if packet.dts is None or self._last is None or not packet.time_base:
-            return False
-        return (packet.dts - self._last) * Fraction(packet.time_base) <= -BACK_S
 
     def add(self, pts: int | None = None) -> None:
         """Count what cannot be read or decoded, at its time or the last packet's [ticks]."""

@@ -226,7 +226,8 @@ class AvSource(Source):
                 self._pass(packet)
                 continue
             if packet is not None:
-                self._passed.see(packet)
+                if self._passed.see(packet) and self._started:
+                    self._clock.joined = True
                 self._durations.read(packet)
                 self._damage.read(packet)
                 delivery.send(packet)
