@@ -190,15 +190,12 @@ class Compositor:
         return from_samples(result, frame)
 
     def process_av(self, frame: av.VideoFrame) -> av.VideoFrame:
-        """Composite one of PyAV's frames; format, pts and colour tags stay as they are.
+        """Composite one of PyAV's frames into a new one of its format, pts and colour tags.
 
         Its time in the animation is its own time since the first frame, where it has one.
 
         Args:
             frame: left as it is.
-
-        Returns:
-            A new frame.
 
         Raises:
             InputError: a format that cannot be composited in.
@@ -206,11 +203,12 @@ class Compositor:
             LensFitError: no usable lens fit.
         """
         from nlens_video.video.pixels.conversion import copied, unpacked
+        from nlens_video.video.pixels.orientation import UPRIGHT
         from nlens_video.video.pixels.picture import AvPicture
 
         if type(frame).__name__ != "VideoFrame":
             raise UsageError(f"process_av takes PyAV's frames, not {type(frame).__name__}")
-        picture = AvPicture(copied(unpacked(frame)))
+        picture = AvPicture(copied(unpacked(frame)), orientation=UPRIGHT)  # as it is stored
         self._call(lambda: self._loop.composite(picture, self._loop.since_first(frame)))
         return reformatted(picture.frame, frame)
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-import av
 from av.sidedata.sidedata import Type
-
-from nlens_video.video.pixels.side_data import side_data
 
 _DYNAMIC = {
     Type.DYNAMIC_HDR_PLUS: "HDR10+", Type.DYNAMIC_HDR_VIVID: "HDR Vivid",
@@ -55,9 +53,8 @@ class HdrMetadata:
     dynamic: tuple[str, ...] = ()
 
 
-def hdr_metadata(frame: av.VideoFrame) -> HdrMetadata:
-    """The HDR metadata of a frame."""
-    data = side_data(frame)
+def hdr_metadata(data: Mapping[Type, bytes]) -> HdrMetadata:
+    """The HDR metadata in the side data of a frame."""
     graded, level = Type.MASTERING_DISPLAY_METADATA, Type.CONTENT_LIGHT_LEVEL
     mastering = _mastering(bytes(data[graded])) if graded in data else None
     most, mean = _LIGHT.unpack_from(bytes(data[level])) if level in data else (0, 0)

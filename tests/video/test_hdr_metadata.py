@@ -1,7 +1,6 @@
 """HDR metadata of a plate: carried over by the encoders that can be told, else noted."""
 
 import struct
-from types import SimpleNamespace
 
 import pytest
 from av.sidedata.sidedata import Type
@@ -68,18 +67,18 @@ def test_loss_of_mastering_metadata_is_noted(tmp_path, name, mastered):
     assert (LOST in notes) == mastered
 
 
-def frame(**data):
-    return SimpleNamespace(side_data={Type[name]: value for name, value in data.items()})
+def side_data(**data):
+    return {Type[name]: value for name, value in data.items()}
 
 
 def test_mastering_display_without_its_luminance_is_lost_and_noted():
-    half = frame(MASTERING_DISPLAY_METADATA=struct.pack("=22i", *[1] * 20, 1, 0))
+    half = side_data(MASTERING_DISPLAY_METADATA=struct.pack("=22i", *[1] * 20, 1, 0))
     assert hdr_metadata(half) == HdrMetadata(partial=True)
     assert with_hdr({}, "libx265", hdr_metadata(half)) == ({}, (LOST,))
 
 
 def test_dynamic_metadata_is_lost_and_noted_by_name():
-    found = hdr_metadata(frame(DYNAMIC_HDR_PLUS=b"", DOVI_METADATA=b"", DOVI_RPU_BUFFER=b""))
+    found = hdr_metadata(side_data(DYNAMIC_HDR_PLUS=b"", DOVI_METADATA=b"", DOVI_RPU_BUFFER=b""))
     _, notes = with_hdr({}, "libx265", found)
     assert notes == (
         "Dolby Vision metadata is not carried over", "HDR10+ metadata is not carried over",

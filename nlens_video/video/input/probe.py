@@ -21,6 +21,7 @@ from nlens_video.video.input.packet_index import start_before_zero, stated_frame
 from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
+from nlens_video.video.pixels.side_data import side_data
 
 _SRGB_TRC = 13
 _BT601 = 5
@@ -86,7 +87,7 @@ def describe(
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame or bool(order), field_order=order,
         lossless=is_lossless(stream.codec.name, stream.codec_context.extradata or b""),
-        hdr=hdr_metadata(first), chroma_siting=chroma_siting(stream),
+        hdr=hdr_metadata(side_data(first)), chroma_siting=chroma_siting(stream),
         copied=tuple(_copied(one, covers) for one in copied),
         metadata=dict(container.metadata), chapters=tuple(container.chapters()),
         stream_metadata=dict(stream.metadata), disposition=int(stream.disposition),

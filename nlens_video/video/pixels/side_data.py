@@ -3,31 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import cast
 
 import av
 import av.filter
 from av.sidedata.sidedata import Type
 
-_UNNAMED = (28, 29, 30, 31)
-"""Kinds for which PyAV has no name: LCEVC, number of a view, reference displays, EXIF."""
+_READ = (
+    Type.DISPLAYMATRIX, Type.MASTERING_DISPLAY_METADATA, Type.CONTENT_LIGHT_LEVEL,
+    Type.DYNAMIC_HDR_PLUS, Type.DYNAMIC_HDR_VIVID, Type.DOVI_METADATA, Type.DOVI_RPU_BUFFER,
+)  # fmt: skip
+_KINDS = 40
+"""More than FFmpeg has kinds of side data (32 in version 8); it takes numbers of none."""
 
 
 def side_data(frame: av.VideoFrame) -> Mapping[Type, bytes]:
-    """The side data of a frame, as buffers, but for kinds that PyAV cannot name."""
-    try:
-        return cast("Mapping[Type, bytes]", frame.side_data)
-    except ValueError:  # one such kind hides all others
-        return cast("Mapping[Type, bytes]", _named(frame).side_data)
+    """The side data of a frame that is read here, as buffers.
 
-
-def _named(frame: av.VideoFrame) -> av.VideoFrame:
-    """The same samples without the side data that PyAV cannot name."""
+    The others are deleted before PyAV looks at them: of kinds that it cannot name one hides all,
+    and of kinds with a dictionary, as the profile of a PNG with its name, it frees that twice.
+    """
     graph = av.filter.Graph()
+    graph.threads = 1
     source = graph.add_buffer(
-        width=frame.width, height=frame.height, format=frame.format, time_base=frame.time_base
-    )
-    deleted = [graph.add("sidedata", f"mode=delete:type={kind}") for kind in _UNNAMED]
+        width=frame.width, height=frame.height, format=frame.format,
+        time_base=frame.time_base or Fraction(1, 1000),  # frames that no decoder has made have none
+    )  # fmt: skip
+    others = set(range(_KINDS)).difference(kind.value for kind in _READ)
+    deleted = [graph.add("sidedata", f"mode=delete:type={kind}") for kind in sorted(others)]
     graph.link_nodes(source, *deleted, graph.add("buffersink")).configure()
     graph.push(frame)
-    return cast("av.VideoFrame", graph.pull())
+    return cast("Mapping[Type, bytes]", cast("av.VideoFrame", graph.pull()).side_data)
