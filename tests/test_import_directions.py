@@ -15,7 +15,7 @@ FOLDERS = """
 core
 native
 kernels  kernels/scatter
-video/pixels  video  video/input  video/times  video/output
+video/pixels  video  video/stills  video/input  video/times  video/output
 scene/gltf  scene  cameras  solve/still  solve/points  solve/paths  solve
 render/base  render/software  render/opengl  render
 stages

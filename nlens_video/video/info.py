@@ -88,6 +88,7 @@ class SourceInfo:
         half: whether the samples of OpenEXR are half float.
         tags: colour tags, those that are assumed included.
         frame_tags: the same in FFmpeg's numbers, for the output.
+        icc_profile: of the file of a picture, empty where it has none.
         sample_aspect_ratio: width of a stored pixel by its height, None where unknown [1].
         codec: FFmpeg's name of the codec; `exr` for OpenEXR.
         bit_rate: of the video stream, None where unknown [bit/s].
@@ -127,6 +128,7 @@ class SourceInfo:
     half: bool = False
     tags: ColorTags
     frame_tags: FrameTags = field(default_factory=FrameTags)
+    icc_profile: bytes = field(default=b"", repr=False)
     sample_aspect_ratio: Fraction | None = None
     codec: str
     bit_rate: int | None = None

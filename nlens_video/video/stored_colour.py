@@ -15,7 +15,8 @@ from nlens_video.video.pixels.display_codes import SRGB_TRC, is_float, is_light
 from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
 
 _LIMITED = 1
-_UNTOLD = (0, 2)  # FFmpeg's numbers of tags that say nothing
+_UNSAID = (0, 2)
+"""FFmpeg's numbers of tags that say nothing."""
 _HOLDING = ("matroska", "mov", "mp4")
 """Muxers that hold the tags of most encoders."""
 _ALIKE = ("bt709", "smpte170m", "bt2020-10", "bt2020-12", "iec61966-2-1")
@@ -116,13 +117,11 @@ def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
     if info.tags.matrix != "gbr" or "gray" in pixel_format:
         return tags
     matrix, span = (5, FULL_RANGE) if pixel_format.startswith("yuvj") else (1, _LIMITED)
-    primaries, curve = (
-        usual if told in _UNTOLD else told
-        for told, usual in ((tags.color_primaries, 1), (tags.color_trc, SRGB_TRC))
-    )
     return FrameTags(
-        colorspace=matrix, color_range=span, color_primaries=primaries, color_trc=curve
-    )
+        colorspace=matrix, color_range=span,
+        color_primaries=1 if tags.color_primaries in _UNSAID else tags.color_primaries,
+        color_trc=SRGB_TRC if tags.color_trc in _UNSAID else tags.color_trc,
+    )  # fmt: skip
 
 
 def _layout(pixel_format: str) -> PixelLayout | None:

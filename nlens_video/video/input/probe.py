@@ -22,6 +22,7 @@ from nlens_video.video.pixels.orientation import frame_slant
 from nlens_video.video.pixels.picture import AvPicture
 from nlens_video.video.pixels.samples import frame_tags
 from nlens_video.video.pixels.side_data import side_data
+from nlens_video.video.stills.stated_colour import take_stated_colour
 
 _SRGB_TRC = 13
 _BT601 = 5
@@ -60,6 +61,7 @@ def describe(
     yuv = picture and first.format.name.startswith("yuv")
     if yuv and stream.codec.name == "tiff" and first.colorspace in (0, 2):
         first.colorspace = _BT601  # by the TIFF specification, whatever the size
+    profile, not_followed = take_stated_colour(spec, kind, stream.codec.name, first)
     worked = AvPicture(first)
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=hints.transfer)
     untimed = bool(container.format.flags & _NO_TIME_STAMPS)
@@ -83,6 +85,7 @@ def describe(
             colorspace=first.colorspace, color_range=first.color_range,
             color_primaries=first.color_primaries, color_trc=first.color_trc,
         ),
+        icc_profile=profile,
         sample_aspect_ratio=stream.sample_aspect_ratio or None,
         codec=stream.codec.name, bit_rate=stream.bit_rate or None,
         interlaced=first.interlaced_frame or bool(order), field_order=order,
@@ -94,7 +97,7 @@ def describe(
         camera_tags=camera_tags(spec, container, stream, first),
         notes=(
             *_chosen(container, stream), *_left_out(container, stream, copied),
-            *_untagged(stream, first, hints.transfer), *_slanted(first),
+            *_untagged(stream, first, hints.transfer), *_slanted(first), *not_followed,
         ),
     )  # fmt: skip
 

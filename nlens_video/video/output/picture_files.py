@@ -32,6 +32,8 @@ _OPTIONS = {
 }
 _ASPECT = ("dpx", "mjpeg", "pcx", "png", "tiff")
 """Encoders whose files say the shape of their pixels."""
+_UNKNOWN = 2
+"""FFmpeg's number of primaries that are not said."""
 _JPEG2000 = ("rgb24", "rgb48le", "rgba", "rgba64le", "gray", "gray16le", "ya8", "ya16le")
 """Its formats that other readers show right: they take YUV for full range."""
 
@@ -93,14 +95,21 @@ def lost_aspect(info: SourceInfo, suffix: str) -> tuple[str, ...]:
 
 
 def lost_colour(info: SourceInfo, suffix: str, pixel_format: str) -> tuple[str, ...]:
-    """A note where pictures do not say the source's transfer function or primaries.
+    """A note where pictures do not say the source's transfer function, primaries or profile.
 
     Args:
         info: the source.
         suffix: extension of the kind, one of `EXTENSIONS`.
         pixel_format: of the encoder's input.
     """
-    read = partial(read_tags, "image2pipe", EXTENSIONS[suffix], pixel_format)
+    codec = EXTENSIONS[suffix]
+    if info.icc_profile and codec == "mjpeg":
+        return ()
+    if info.icc_profile and info.frame_tags.color_primaries == _UNKNOWN:
+        if codec != "png" or not info.orientation.upright:
+            return (f"the ICC profile is left out: {suffix} does not hold it here; .jpg files do",)
+        return ()
+    read = partial(read_tags, "image2pipe", codec, pixel_format)
     lost = stored_colour(info, whole_format(pixel_format), read).lost
     if not lost:
         return ()

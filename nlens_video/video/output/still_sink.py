@@ -32,6 +32,7 @@ from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 from nlens_video.video.pixels.upright import turned
+from nlens_video.video.stills.embedded import with_profile
 
 
 class StillSink(Sink):
@@ -160,4 +161,7 @@ class StillSink(Sink):
         pixels.time_base = Fraction(1, 25)
         with ordinary_priority():
             packets = [*context.encode(pixels), *context.encode(None)]
-        return b"".join(bytes(packet) for packet in packets)
+        made = b"".join(bytes(packet) for packet in packets)
+        # frames that are turned lose the profile that FFmpeg writes of others
+        profile = self._info.icc_profile if turns and self._codec == "mjpeg" else b""
+        return with_profile(made, profile) if profile else made
