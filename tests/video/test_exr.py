@@ -3,15 +3,17 @@
 import av
 import numpy as np
 import OpenEXR
+import PIL.Image
 import pytest
-from support.clips import copy
+from support.clips import copy, write_clip
 
 from nlens_video.core.errors import InputError, OutputError
 from nlens_video.core.layers import Box
 from nlens_video.video.exr import LINEAR, LayerReader, read_exr, read_layer, write_layers
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
-from nlens_video.video.pixels.picture import ArrayPicture, picture_channels
+from nlens_video.video.pixels.light_channels import picture_channels
+from nlens_video.video.pixels.picture import ArrayPicture
 
 
 def channels(height=6, width=8):
@@ -376,3 +378,24 @@ def test_rate_that_is_a_fraction_and_attributes_of_unknown_types_stay(tmp_path):
     copy(tmp_path / "in.exr", tmp_path / "out.exr")
     assert stored(tmp_path / "out.exr")[0]["framesPerSecond"] == 24
     assert b"writer\0strinx\0\x04\0\0\0lavc" in (tmp_path / "out.exr").read_bytes()
+
+
+@pytest.mark.parametrize("name", ["in.png", "in.mov", "in.mkv"])
+def test_straight_alpha_of_other_plates_becomes_that_of_openexr(tmp_path, name):
+    """White of alpha .25 on the left and 1 on the right."""
+    rgba = np.full((48, 64, 4), 65535, np.uint16)
+    rgba[:, :32, 3] = 16384
+    frame = av.VideoFrame.from_ndarray(rgba, "rgba64le")
+    if name == "in.png":
+        PIL.Image.fromarray((rgba >> 8).astype(np.uint8)).save(tmp_path / name)
+    elif name == "in.mov":
+        held = frame.reformat(format="yuva444p10le")
+        write_clip(tmp_path / name, [held], codec="prores_ks", options={"profile": "4444"})
+    else:
+        write_clip(tmp_path / name, [frame.reformat(format="gbrap16le")])
+    copy(tmp_path / name, tmp_path / "out.exr", one_frame=True)
+    made = read_exr(tmp_path / "out.exr").channels
+    assert sorted(made) == ["A", "B", "G", "R"]
+    for channel in "ARGB":
+        left, right = made[channel][24, 8], made[channel][24, 56]
+        assert (left, right) == pytest.approx((0.25, 1.0), abs=0.01)

@@ -29,7 +29,8 @@ from nlens_video.video.output.picture_files import (
 )
 from nlens_video.video.pixels.conversion import converted
 from nlens_video.video.pixels.display_codes import display_coded
-from nlens_video.video.pixels.picture import channel_primaries, picture_channels, picture_frame
+from nlens_video.video.pixels.light_channels import channel_primaries, picture_channels
+from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.pixel_formats import layout, working_format
 from nlens_video.video.pixels.upright import turned
 from nlens_video.video.stills.embedded import with_profile

@@ -235,26 +235,6 @@ def picture_frame(picture: Picture, pixel_format: str, *, limited: bool = False)
     return converted(frame, pixel_format, tags, limited=limited, chroma_siting=siting)
 
 
-def picture_channels(picture: Picture) -> dict[str, Float32]:
-    """The whole picture as scene-linear channels for OpenEXR."""
-    if isinstance(picture, ArrayPicture) and picture.tags.transfer == "linear":
-        array = np.atleast_3d(picture.array)
-        if picture.order == "bgr" and array.shape[2] > 1:
-            array = array[..., (2, 1, 0, 3)[: array.shape[2]]]
-        if array.shape[2] == 4 and not picture.associated:
-            array = np.concatenate([array[..., :3] * array[..., 3:], array[..., 3:]], axis=2)
-        return {name: np.asarray(array[..., i]) for i, name in enumerate("RGBA"[: array.shape[2]])}
-    light = picture.linear(Box(0, 0, picture.width, picture.height))
-    return {name: np.ascontiguousarray(light[..., i]) for i, name in enumerate("RGB")}
-
-
-def channel_primaries(picture: Picture) -> str:
-    """Primaries of `picture_channels`, by a name of `ColorTags`."""
-    if isinstance(picture, ArrayPicture) and picture.tags.transfer == "linear":
-        return picture.tags.primaries
-    return "bt709"
-
-
 def _array_frame(picture: ArrayPicture, *, alpha: bool) -> av.VideoFrame:
     """An RGB array as a frame; light becomes 16-bit sRGB of BT.709, clipped to [0, 1].
 
