@@ -161,17 +161,15 @@ def _read_layer(path: Path, size: tuple[int, int] | None) -> tuple[ObjectLayer, 
 
 def _doubts(path: Path, image: ExrImage) -> tuple[Note, ...]:
     """What is odd about a layer, for the user."""
-    found = []
     least, most = (float(end) for end in (image.channels["A"].min(), image.channels["A"].max()))
-    if least < -_ROUNDED or most > 1.0 + _ROUNDED:
-        line = (
-            f"{path}: alpha from {least:.3g} to {most:.3g} is cut to 0 to 1; render it as coverage"
-        )
-        found.append(Note(line, NoteKind.UNCERTAIN))
-    if image.primaries is None:
-        line = f"{path}: primaries that are not known are taken for those of BT.709"
-        found.append(Note(line, NoteKind.UNCERTAIN))
-    return tuple(found)
+    line = f"{path}: alpha from {least:.3g} to {most:.3g} is cut to 0 to 1; render it as coverage"
+    beyond = least < -_ROUNDED or most > 1.0 + _ROUNDED
+    return (*((Note(line, NoteKind.UNCERTAIN),) if beyond else ()), *_odd_primaries(path, image))
+
+
+def _odd_primaries(path: Path, image: ExrImage) -> tuple[Note, ...]:
+    line = f"{path}: primaries that are not known are taken for those of BT.709"
+    return () if image.primaries else (Note(line, NoteKind.UNCERTAIN),)
 
 
 class LayerReader:
@@ -242,7 +240,7 @@ class ExrSource(Source):
             name=spec, kind="sequence" if self._pattern else "still", width=first.width,
             height=first.height, time_base=1 / fps, average_rate=fps, frame_count=count,
             duration_s=float(count / fps), pixel_format="gbrpf32le", tags=first.tags, codec="exr",
-            half=image.half.issuperset(_names(image)),
+            half=image.half.issuperset(_names(image)), notes=_odd_primaries(self._file(0), image),
         )  # fmt: skip
 
     def close(self) -> None:

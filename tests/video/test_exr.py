@@ -399,3 +399,15 @@ def test_straight_alpha_of_other_plates_becomes_that_of_openexr(tmp_path, name):
     for channel in "ARGB":
         left, right = made[channel][24, 8], made[channel][24, 56]
         assert (left, right) == pytest.approx((0.25, 1.0), abs=0.01)
+
+
+def test_plate_of_primaries_that_are_not_known_is_noted(tmp_path):
+    light = {name: np.full((8, 8), 0.5, np.float32) for name in "RGB"}
+    for name, green in (("adobe", (0.21, 0.71)), ("bt709", (0.3, 0.6))):
+        told = (0.64, 0.33, *green, 0.15, 0.06, 0.3127, 0.329)
+        header = {"type": OpenEXR.scanlineimage, "chromaticities": told}
+        with OpenEXR.File(header, light) as file:
+            file.write(str(tmp_path / f"{name}.exr"))
+        with open_source(str(tmp_path / f"{name}.exr")) as source:
+            notes = [note for note in source.info.notes if "primaries that are not known" in note]
+        assert len(notes) == (name == "adobe")
