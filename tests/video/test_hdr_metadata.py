@@ -59,12 +59,20 @@ def test_other_encoders_keep_mastering_display_and_light_levels(tmp_path, codec)
     assert LOST not in notes
 
 
-@pytest.mark.parametrize("name", ["out.webm", "out.nut", "out_%04d.png"])
+@pytest.mark.parametrize("name", ["out.webm", "out.nut", "out_%04d.jpg"])
 @pytest.mark.parametrize("mastered", [False, True])
 def test_loss_of_mastering_metadata_is_noted(tmp_path, name, mastered):
     plate = clip(tmp_path, *((DISPLAY, LIGHT) if mastered else ()))
     notes = copy(plate, tmp_path / name, codec="ffv1" if name.endswith("nut") else None)
     assert (LOST in notes) == mastered
+
+
+@pytest.mark.parametrize("name", ["out_%d.png", "out.apng"])
+def test_png_keeps_mastering_display_and_light_levels(tmp_path, name):
+    plate = clip(tmp_path, DISPLAY, LIGHT)
+    assert LOST not in copy(plate, tmp_path / name)
+    made = (tmp_path / name.replace("%d", "0")).read_bytes()
+    assert b"mDCV" in made and b"cLLI" in made
 
 
 def side_data(**data):

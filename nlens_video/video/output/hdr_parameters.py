@@ -44,6 +44,8 @@ _ENCODERS = {
     "libx265": _Words("x265-params", "master-display", "max-cll", *_SEI),
     "libsvtav1": _Words("svtav1-params", "mastering-display", "content-light", _decimal, _decimal),
 }
+_BY_FRAMES = ("apng", "png")
+"""Encoders that take it from the frames themselves."""
 
 
 def with_hdr(
@@ -58,7 +60,8 @@ def with_hdr(
     """
     words = _ENCODERS.get(encoder)
     static = metadata.mastering is not None or metadata.light is not None
-    lost = ["HDR mastering"] if metadata.partial or (static and words is None) else []
+    untold = static and words is None and encoder not in _BY_FRAMES
+    lost = ["HDR mastering"] if metadata.partial or untold else []
     notes = tuple(
         Note(f"{name} metadata is not carried over", NoteKind.STREAM_LEFT_OUT)
         for name in (*lost, *metadata.dynamic)
