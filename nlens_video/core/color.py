@@ -41,6 +41,7 @@ _NOT_SUPPORTED = {
     "transfer": {9: "log100", 10: "log316", 17: "smpte428"},
     "primaries": {10: "smpte428"},
 }  # fmt: skip
+_WIDE = [("matrix", tag) for tag in (10, 12, 13, 14, 15)]  # of BT.2020's primaries
 FULL_RANGE = 2
 """FFmpeg's `AVCOL_RANGE_JPEG`; 1 is limited, 0 unspecified."""
 
@@ -291,6 +292,7 @@ class ColorTags:
 def _refusal(field: str, tag: int, instead: str) -> str:
     """Error message for a colour tag that is not supported."""
     name = _NOT_SUPPORTED[field].get(tag, str(tag))
+    instead = "bt2020nc" if (field, tag) in _WIDE else instead
     or_override = ", or give --input-transfer if the tag is wrong" if field == "transfer" else ""
     return (
         f"the plate's colour has {field} {name}, which is not supported; convert it first, for "

@@ -14,6 +14,7 @@ from nlens_video.core.color import (
     rgb_from_yuv,
     transfer,
 )
+from nlens_video.core.errors import InputError
 
 CURVES = sorted(set(TRANSFERS.values()))
 
@@ -89,3 +90,9 @@ def test_complete_tags_need_no_assumption():
 def test_untagged_rgb_is_taken_as_srgb():
     tags = ColorTags.resolve("rgb", (64, 64), matrix=2, transfer=2, primaries=2, range_=0)
     assert (tags.matrix, tags.transfer, tags.full_range) == ("gbr", "iec61966-2-1", True)
+
+
+@pytest.mark.parametrize("tag", [10, 12, 14])
+def test_refusal_of_a_matrix_of_wide_colours_advises_that_of_bt2020(tag):
+    with pytest.raises(InputError, match="zscale=matrix=bt2020nc "):
+        ColorTags.resolve("yuv", (320, 180), matrix=tag, transfer=1, primaries=9, range_=1)
