@@ -1,5 +1,7 @@
 """Raw pictures that say nothing of their colours."""
 
+import cv2
+import numpy as np
 import pytest
 from support.clips import noise_frame, write_clip
 
@@ -35,3 +37,12 @@ def test_pictures_that_are_most_likely_what_they_are_taken_for_are_not_noted(
     tmp_path, pixel_format, codec, name
 ):
     assert notes(clip(tmp_path, pixel_format, codec, name)) == []
+
+
+@pytest.mark.parametrize("kind", ["uint8", "uint16"])
+@pytest.mark.parametrize("ending", ["tif", "png"])
+def test_grey_picture_without_a_tag_is_srgb(tmp_path, ending, kind):
+    """FFmpeg calls every grey TIFF one of gamma 2.2."""
+    cv2.imwrite(str(tmp_path / f"in.{ending}"), np.full((48, 64), 90, kind))
+    with open_source(str(tmp_path / f"in.{ending}")) as source:
+        assert source.info.tags.transfer == "iec61966-2-1"

@@ -12,6 +12,8 @@ from nlens_video.video.stills.icc import profile_colour
 
 _WITH_PROFILES = ("apng", "mjpeg", "png", "tiff", "webp")
 _UNSAID = (0, 2)
+_INVENTED = 4
+"""Number of gamma 2.2, as which FFmpeg tags all grey TIFF."""
 
 
 def take_stated_colour(
@@ -28,6 +30,8 @@ def take_stated_colour(
     Returns:
         The ICC profile, empty without one, and notes on what is not followed.
     """
+    if codec == "tiff" and first.color_trc == _INVENTED:
+        first.color_trc = 2
     if kind not in ("still", "sequence") and codec != "apng" or codec not in _WITH_PROFILES:
         return b"", ()
     numbered = ImageSequence(spec) if kind == "sequence" else None
