@@ -61,7 +61,7 @@ def describe(
     yuv = picture and first.format.name.startswith("yuv")
     if yuv and stream.codec.name == "tiff" and first.colorspace in (0, 2):
         first.colorspace = _BT601  # by the TIFF specification, whatever the size
-    profile, not_followed = take_stated_colour(spec, kind, stream.codec.name, first)
+    profile, not_followed = take_stated_colour(spec, kind, stream.codec.name, first, hints.transfer)
     worked = AvPicture(first)
     tags = frame_tags(worked.frame, assumed=_SRGB_TRC if yuv else 0, given=hints.transfer)
     untimed = bool(container.format.flags & _NO_TIME_STAMPS)
