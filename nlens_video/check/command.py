@@ -23,14 +23,14 @@ from nlens_video.check.judge import (
     judge_drift,
     judge_frames,
     judge_plate,
-    judge_sound,
     objects_among,
     shadows_among,
 )
 from nlens_video.check.judge_object import judge_object, median_bends
 from nlens_video.check.levels import goes_above_white
-from nlens_video.check.measure import Measures, SoundPair
+from nlens_video.check.measure import Measures
 from nlens_video.check.regions import Track
+from nlens_video.check.sound import SoundPair, judge_sound, sound_notes
 from nlens_video.check.verdict import Kind, Verdict, runs, write_page
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
@@ -173,7 +173,7 @@ def compare(
             * max((shift for one in sound for shift in one.shifts_s), default=0.0, key=abs),
         },
         findings=tuple(found),
-        notes=(*range_note, *_notes(tracks, measures), *_sound_notes(sound)),
+        notes=(*range_note, *_notes(tracks, measures), *sound_notes(sound)),
         unknown=_unknown(tracks, measures, sound),
     )
     return Checked(verdict=verdict, objects=tracks)
@@ -251,19 +251,10 @@ def _notes(objects: list[Track], measures: Measures) -> list[str]:
     return notes
 
 
-def _sound_notes(sound: list[SoundPair]) -> list[str]:
-    return [
-        f"audio {number} is not the plate's byte by byte, but encoded anew or exchanged: only its "
-        "start and its end are compared"
-        for number, pair in enumerate(sound)
-        if not pair.same
-    ]
-
-
 def _unknown(objects: list[Track], measures: Measures, sound: list[SoundPair]) -> tuple[Kind, ...]:
     """Kinds that could not be judged."""
     drift: tuple[Kind, ...] = ("drift",) if objects and measures.drift.rms_px is None else ()
-    return drift if all(pair.same for pair in sound) else (*drift, "sound")
+    return drift if all(pair.copied for pair in sound) else (*drift, "sound")
 
 
 def _range_note(

@@ -1,16 +1,11 @@
-"""Findings from measures: thresholds on times, plate and sound."""
+"""Findings from measures: thresholds on times and plate."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
-from nlens_video.check.measure import (
-    NOISE_FACTOR,
-    SOUND_LIMIT_S,
-    Measures,
-    SoundPair,
-)
+from nlens_video.check.measure import NOISE_FACTOR, Measures
 from nlens_video.check.regions import Track
 from nlens_video.check.shadow import LEAST_TOLERANCE
 from nlens_video.check.verdict import Finding, at, runs
@@ -144,19 +139,3 @@ def judge_drift(drift: DriftMeasure) -> list[Finding]:
         "camera (--camera-from), unless it is to ride with the camera"
     )
     return [at("drift", None, drift.rms_px, f"{text}; {why}")]
-
-
-def judge_sound(pairs: list[SoundPair], missing: int) -> list[Finding]:
-    """Sound that is missing, shifted, or of another length."""
-    found = []
-    if missing:
-        found.append(at("sound", None, missing, f"{missing} audio stream(s) of the input missing"))
-    for number, pair in enumerate(pairs):
-        start, end, most = pair.shifts_s
-        for shift, words in ((start, "starts"), (end, "ends"), (most, "lies at most")):
-            if abs(shift) > SOUND_LIMIT_S:
-                direction = "late" if shift > 0 else "early"
-                text = f"audio {number} {words} {1e3 * abs(shift):.0f} ms {direction}"
-                limit = f"(limit {1e3 * SOUND_LIMIT_S:.0f} ms)"
-                found.append(at("sound", None, shift, f"{text} {limit}"))
-    return found

@@ -1,4 +1,4 @@
-"""Measures of a result against its plate: frames pair by pair, audio packet by packet.
+"""Measures of a result against its plate, frame by frame.
 
 Memory grows by a few numbers a frame.
 """
@@ -6,9 +6,7 @@ Memory grows by a few numbers a frame.
 from __future__ import annotations
 
 from array import array
-from collections import deque
 from dataclasses import dataclass, field
-from zlib import crc32
 
 import cv2
 import numpy as np
@@ -19,7 +17,6 @@ from nlens_video.check.motion import NOT_KNOWN, Look, Template
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.check.shadow import LEAST_TOLERANCE, is_shadow, shadowed
 from nlens_video.core.layers import Float32, Float64
-from nlens_video.video.info import Packet
 
 NOISE_FACTOR = 6.0  # by which encoding changes textured blocks more than the median one
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
@@ -31,9 +28,6 @@ _LEAST_GAIN = 0.3  # least difference of these misfits [level]
 _RESTS = 3.0  # median change of the plate's blocks from frame to frame, by a still camera [level]
 _PASSES = 3.0, 8.0  # times that change, and levels more, of a block in which something moves
 _MOST_PASSING = 0.3  # of the blocks; more is the camera
-
-SOUND_LIMIT_S = 0.04
-"""Shift of sound against picture that viewers begin to notice (EBU R37)."""
 
 
 @dataclass(slots=True)
@@ -231,66 +225,3 @@ def _shift(pair: Pair) -> int:
         if misfit < min(best, _CLEARER * own, own - _LEAST_GAIN):
             best, shift = misfit, step
     return shift
-
-
-@dataclass(slots=True)
-class Sound:
-    """One audio stream of one source, in seconds after that source's first frame.
-
-    Attributes:
-        start_s: of its first packet, None before it [s].
-        end_s: of its last packet [s].
-        waiting: times and checksums of packets without a counterpart yet.
-    """
-
-    start_s: float | None = None
-    end_s: float = 0.0
-    waiting: deque[tuple[float, int]] = field(default_factory=deque)
-
-
-@dataclass(slots=True)
-class SoundPair:
-    """An audio stream of the plate and its counterpart in the result.
-
-    Attributes:
-        codecs: FFmpeg's names, plate and result.
-        plate: of the plate.
-        result: of the result.
-        shift_s: largest shift of a packet against its counterpart, signed [s].
-        changed: packets whose bytes differ, where both have one codec [1].
-    """
-
-    codecs: tuple[str, str]
-    plate: Sound = field(default_factory=Sound)
-    result: Sound = field(default_factory=Sound)
-    shift_s: float = 0.0
-    changed: int = 0
-
-    def add(self, packet: Packet, first_s: float, *, from_plate: bool) -> None:
-        """Count one packet."""
-        ticks = packet.pts if packet.pts is not None else packet.dts
-        if ticks is None or packet.time_base is None:
-            return
-        sound = self.plate if from_plate else self.result
-        moment = float(ticks * packet.time_base) - first_s
-        sound.start_s = moment if sound.start_s is None else min(sound.start_s, moment)
-        sound.end_s = max(sound.end_s, moment + float((packet.duration or 0) * packet.time_base))
-        if self.codecs[0] != self.codecs[1]:
-            return
-        sound.waiting.append((moment, crc32(bytes(packet))))
-        while self.plate.waiting and self.result.waiting:
-            ours, theirs = self.result.waiting.popleft(), self.plate.waiting.popleft()
-            self.changed += ours[1] != theirs[1]
-            self.shift_s = max(self.shift_s, ours[0] - theirs[0], key=abs)
-
-    @property
-    def same(self) -> bool:
-        """Whether the result's packets are the plate's, byte by byte."""
-        return self.codecs[0] == self.codecs[1] and not self.changed
-
-    @property
-    def shifts_s(self) -> tuple[float, float, float]:
-        """Delay of the result's sound at its start, at its end, and the largest one [s]."""
-        start = (self.result.start_s or 0.0) - (self.plate.start_s or 0.0)
-        end = self.result.end_s - self.plate.end_s
-        return start, end, self.shift_s if self.same else 0.0
