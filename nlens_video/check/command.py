@@ -29,6 +29,7 @@ from nlens_video.check.judge import (
 from nlens_video.check.judge_object import judge_object, median_bends
 from nlens_video.check.levels import goes_above_white
 from nlens_video.check.measure import Measures
+from nlens_video.check.presence import judge_presence
 from nlens_video.check.regions import Track
 from nlens_video.check.sound import SoundPair, judge_sound, sound_notes
 from nlens_video.check.verdict import Kind, Verdict, runs, write_page
@@ -147,6 +148,7 @@ def compare(
     tracks = objects_among(measures, objects)
     found = judge_frames(measures)
     noise = float(np.median(measures.noise)) if measures.noise else 0.0
+    found += judge_presence(tracks, measures)
     for track in tracks:
         found += judge_object(track, noise)
     found += judge_plate(measures, tracks)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.check.regions import SECTORS, Track
+from nlens_video.check.regions import SECTORS, Track, beside
 from nlens_video.check.series import (
     flicker,
     freezes,
@@ -19,7 +19,7 @@ from nlens_video.check.series import (
     steps,
     undone,
 )
-from nlens_video.check.verdict import Finding, at, runs
+from nlens_video.check.verdict import Finding, at
 from nlens_video.core.layers import Float64
 
 Frames = npt.NDArray[np.int64]
@@ -74,11 +74,7 @@ def judge_object(track: Track, noise: float) -> list[Finding]:
     """
     frames = np.array(track.frames, np.int64)
     span = np.arange(frames[0], frames[-1] + 1)
-    found = [
-        at("pop", gap, 1.0, "the object is missing")
-        for gap in runs(index for index in span.tolist() if index not in set(frames.tolist()))
-        if not _beside(track.disturbed, *gap)
-    ]
+    found = []
     # an object of few blocks varies more, and one that is coarsely encoded
     blocks = max(float(np.median(np.array(track.area))), 1.0)
     limit = max(_FLICKER, max(_SMALL, _SMALL_BY_NOISE * noise) / float(np.sqrt(blocks)))
@@ -158,7 +154,7 @@ def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
             "the object stands still, and moves before and after",
         )
         for first, last in freezes(np.nan_to_num(motion), _STILL)
-        if not _beside(track.disturbed, int(span[first]), int(span[last]))
+        if not beside(track.disturbed, int(span[first]), int(span[last]))
     ]  # fmt: skip
 
 
@@ -190,11 +186,6 @@ def _overlap(one: Finding, other: Finding) -> bool:
     return one.kind == other.kind and spans[0][0] <= spans[1][1] and spans[1][0] <= spans[0][1]
 
 
-def _beside(disturbed: set[int], first: int, last: int) -> bool:
-    """Whether something passes on some frames or on their neighbours."""
-    return not disturbed.isdisjoint(range(first - 1, last + 2))
-
-
 def _series(track: Track, span: Frames) -> dict[str, _Series]:
     """Sharpness and coverage.
 
@@ -205,7 +196,7 @@ def _series(track: Track, span: Frames) -> dict[str, _Series]:
     sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
     sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
     log_area = np.log(np.maximum(np.array(track.area), 1e-3))
-    area = _on(span, frames, np.where(clear & np.array(track.whole, bool), log_area, np.nan))
+    area = _on(span, frames, np.where(clear & track.whole, log_area, np.nan))
     return {
         "sharpness": _Series((sharpness,), _bend(sharpness), standard_error(sectors)),
         "coverage": _Series((area,), _bend(area)),
@@ -217,7 +208,7 @@ def _lights(track: Track, span: Frames) -> list[_Series]:
 
     They are judged where coverage is.
     """
-    clear = _clear(track) & np.array(track.whole, bool)
+    clear = _clear(track) & track.whole
     own, plate = (
         np.log(np.hypot(_DARK, np.array(one).reshape(len(clear), -1, len(_COLOURS))))
         for one in (track.light, track.plate_light)
@@ -254,7 +245,7 @@ def _ways(track: Track, span: Frames) -> list[_Way]:
 
 def _clear(track: Track) -> npt.NDArray[np.bool_]:
     """Frames on which nothing passes, nor on their neighbours."""
-    return np.array([not _beside(track.disturbed, index, index) for index in track.frames])
+    return np.array([not beside(track.disturbed, index, index) for index in track.frames])
 
 
 def _bend(values: Float64) -> Float64:

@@ -16,7 +16,7 @@ from nlens_video.check.frames import FrameFeatures, Pair, Unpaired, block_mean, 
 from nlens_video.check.motion import NOT_KNOWN, Look, Template
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.check.shadow import LEAST_TOLERANCE, is_shadow, shadowed
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Box, Float32, Float64
 
 NOISE_FACTOR = 6.0  # by which encoding changes textured blocks more than the median one
 _FLAT = 1.0  # detail below which only noise differs from frame to frame [level]
@@ -28,6 +28,7 @@ _LEAST_GAIN = 0.3  # least difference of these misfits [level]
 _RESTS = 3.0  # median change of the plate's blocks from frame to frame, by a still camera [level]
 _PASSES = 3.0, 8.0  # times that change, and levels more, of a block in which something moves
 _MOST_PASSING = 0.3  # of the blocks; more is the camera
+_CUT = 10.0  # mean change of the plate's blocks where another shot begins [level]
 
 
 @dataclass(slots=True)
@@ -48,6 +49,7 @@ class Measures:
         noise: median difference of a block of each pair, beyond its shade, which is due to
             encoding [level].
         without_alpha: index of the result's frames that lack the plate's alpha.
+        cuts: indices of the result's frames at which the plate is another than on the one before.
         worst_late_s: largest delay of a frame [s].
         pairs: compared so far [1].
         previous: the result's frame of the pair before.
@@ -65,6 +67,7 @@ class Measures:
     compared: array[int] = field(default_factory=lambda: array("q"))
     noise: array[float] = field(default_factory=lambda: array("d"))
     without_alpha: array[int] = field(default_factory=lambda: array("q"))
+    cuts: set[int] = field(default_factory=set)
     worst_late_s: float = 0.0
     pairs: int = 0
     previous: FrameFeatures | None = None
@@ -79,6 +82,8 @@ class Measures:
         self.worst_late_s = max(self.worst_late_s, pair.delay_s, key=abs)
         if abs(pair.delay_s) > self.tick_s:
             self.late.append((pair.result.index, pair.delay_s))
+        if _is_cut(pair):
+            self.cuts.add(pair.result.index)
         shift = _shift(pair)
         if shift:
             self.shifted.append((pair.result.index, shift))
@@ -114,6 +119,9 @@ class Measures:
         for track in tracks:
             _append(track, pair.result, difference, gain, motion)
             blocks = track.mask & ~shadow if (track.mask & ~shadow).any() else track.mask
+            box = Box.of(blocks)
+            track.boxes.extend((box.x0, box.y0, box.x1, box.y1))
+            track.strong.append(int((difference[track.mask] > 2.0 * tolerance).sum()))
             self._place(track, look, solid, blocks)
             for mask in (track.mask, blocks):
                 inner = _weight(mask, difference) * _share_around(mask) ** _INNER
@@ -133,6 +141,14 @@ class Measures:
             track.steps.extend((*NOT_KNOWN, *NOT_KNOWN))
         track.plate_steps.extend(self.drift.plate_step_px.tolist())
         track.templates = Template.of(look, track.mask), Template.of(solid, blocks)
+
+
+def _is_cut(pair: Pair) -> bool:
+    """Whether the plate shows something else than on its frame before."""
+    if pair.before is None:
+        return False
+    change = np.abs(pair.plate.colour[..., 0] - pair.before.colour[..., 0])
+    return float(change.mean()) > _CUT
 
 
 def _passing(pair: Pair) -> Mask | None:

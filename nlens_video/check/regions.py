@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from nlens_video.check.frames import BLOCK_PX
 from nlens_video.check.motion import Template
-from nlens_video.core.layers import Float32
+from nlens_video.core.layers import Box, Float32
 
 Mask = npt.NDArray[np.bool_]
 _LEAST_BLOCKS = 3  # connected ones; a single block may be an artefact of the encoder
@@ -32,7 +32,9 @@ class Track:
         mask: its blocks on the last of these frames, (h, w).
         frames: index of the frame.
         area: coverage, in blocks of strong difference, with that of the blocks beside it [block].
-        whole: whether it stays clear of the frame's edge.
+        strong: its blocks that differ by more than twice the tolerance [block].
+        boxes: first column and row, end column and row of it without its shadow, four numbers a
+            frame [block].
         sharpness: log of its detail over the plate's gain of detail [1].
         sectors: the same of each sector round its middle, `SECTORS` numbers a frame, NaN where a
             sector is too small [1].
@@ -58,7 +60,8 @@ class Track:
     former_at: int
     frames: array[int] = field(default_factory=lambda: array("q"))
     area: array[float] = field(default_factory=lambda: array("d"))
-    whole: array[int] = field(default_factory=lambda: array("b"))
+    strong: array[int] = field(default_factory=lambda: array("q"))
+    boxes: array[int] = field(default_factory=lambda: array("q"))
     sharpness: array[float] = field(default_factory=lambda: array("d"))
     sectors: array[float] = field(default_factory=lambda: array("d"))
     motion: array[float] = field(default_factory=lambda: array("d"))
@@ -83,19 +86,27 @@ class Track:
         x0, y0, x1, y1 = (BLOCK_PX * edge for edge in self.box)
         return x0, y0, x1 - x0, y1 - y0
 
+    def box_at(self, place: int) -> tuple[int, int, int, int]:
+        """The box without its shadow on the frame at a place of the arrays [block]."""
+        x0, y0, x1, y1 = self.boxes[4 * place : 4 * place + 4]
+        return x0, y0, x1, y1
+
+    @property
+    def whole(self) -> npt.NDArray[np.bool_]:
+        """Whether it stays clear of the frame's edge, for each of its frames (n,)."""
+        rows, columns = self.mask.shape
+        x0, y0, x1, y1 = np.array(self.boxes, np.int64).reshape(-1, 4).T
+        return np.asarray((x0 > 0) & (y0 > 0) & (x1 < columns) & (y1 < rows), bool)
+
     def add(self, index: int, mask: Mask, worst: float) -> None:
         """Add the region on one more frame."""
-        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        box = Box.of(mask)
         x0, y0, x1, y1 = self.box
-        self.box = (
-            min(x0, int(columns[0])), min(y0, int(rows[0])),
-            max(x1, int(columns[-1]) + 1), max(y1, int(rows[-1]) + 1),
-        )  # fmt: skip
+        self.box = min(x0, box.x0), min(y0, box.y0), max(x1, box.x1), max(y1, box.y1)
         self.mask = mask
         whole = index not in self.disturbed and mask.sum() >= _KEPT * self.former.sum()
         if whole or index - self.former_at > _PASSES:
             self.former, self.former_at = mask, index
-        self.whole.append(not (mask[[0, -1]].any() or mask[:, [0, -1]].any()))
         self.worst = max(self.worst, worst)
         self.frames.append(index)
 
@@ -158,6 +169,11 @@ class Tracks:
         wide = _dilated(mask)
         near = [one for one in self.alive if ((one.mask | one.former) & wide).any()]
         return max(near, key=lambda one: sum(one.area), default=None)
+
+
+def beside(disturbed: set[int], first: int, last: int) -> bool:
+    """Whether something passes on some frames or on their neighbours."""
+    return not disturbed.isdisjoint(range(first - 1, last + 2))
 
 
 def regions(changed: Mask) -> list[Mask]:

@@ -1,0 +1,123 @@
+"""Frames on which an object is missing: it is gone, or there, at once at its full size.
+
+What leaves the frame, shrinks, fades or goes behind something is smaller before it is gone.
+"""
+
+from __future__ import annotations
+
+from array import array
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass
+
+import numpy as np
+
+from nlens_video.check.measure import Measures
+from nlens_video.check.regions import Track, beside
+from nlens_video.check.verdict import Finding, at
+
+_FULL = 0.75  # share of its usual coverage at which an object is there as a whole [1]
+_USUAL = 4  # frames whose coverage is the usual one
+_STRONG_BLOCKS = 6  # beyond twice the tolerance; fewer come and go by grain and encoding
+_STEPS = 2.0  # of its own within which it may have left the frame, as what speeds up does
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """An object on a frame beside others that lack it: `back` leads away from these."""
+
+    track: Track
+    place: int
+    back: int
+
+
+def judge_presence(objects: list[Track], measures: Measures) -> list[Finding]:
+    """Frames without an object that was there, or is there, at once."""
+    compared, every = measures.compared, measures.tracks.all()
+    found = []
+    for chain in _chains(objects):
+        for before, after in _gaps(chain):
+            lacking = _between(compared, before, after)
+            sides = [one for one in (before, after) if one is not None]
+            if not lacking or any(beside(one.track.disturbed, *_ends(lacking)) for one in sides):
+                continue
+            if any(_is_at_once(one, lacking, measures.cuts, every) for one in sides):
+                switched = "off" if after is None else "on"
+                open_ended = f", or switched {switched} at once" if len(sides) == 1 else ""
+                found.append(at("pop", _ends(lacking), 1.0, f"the object is missing{open_ended}"))
+    return found
+
+
+def _chains(objects: list[Track]) -> list[list[Track]]:
+    """Tracks that follow each other, each chain taken for one object."""
+    chains: list[list[Track]] = []
+    for track in sorted(objects, key=lambda one: one.first):
+        ended = [chain for chain in chains if chain[-1].last < track.first]
+        if ended:
+            max(ended, key=lambda chain: chain[-1].last).append(track)
+        else:
+            chains.append([track])
+    return chains
+
+
+def _gaps(chain: list[Track]) -> list[tuple[_Seen | None, _Seen | None]]:
+    """The object before and after each gap; None at the clip's beginning and end."""
+    shown = [(track, place) for track in chain for place in range(len(track.frames))]
+    inside = [
+        (_Seen(*before, -1), _Seen(*after, 1))
+        for before, after in zip(shown, shown[1:], strict=False)
+        if after[0].frames[after[1]] > before[0].frames[before[1]] + 1
+    ]
+    return [(None, _Seen(*shown[0], 1)), *inside, (_Seen(*shown[-1], -1), None)]
+
+
+def _between(compared: array[int], before: _Seen | None, after: _Seen | None) -> array[int]:
+    """Frames of the result that were compared, from one that shows the object to the next."""
+    first = 0 if before is None else bisect_right(compared, before.track.frames[before.place])
+    end = len(compared)
+    if after is not None:
+        end = bisect_left(compared, after.track.frames[after.place])
+    return compared[first:end]
+
+
+def _ends(frames: array[int]) -> tuple[int, int]:
+    return frames[0], frames[-1]
+
+
+def _is_at_once(seen: _Seen, lacking: array[int], cuts: set[int], every: list[Track]) -> bool:
+    """Whether an object that is there as a whole, inside the frame, is not on the next frame."""
+    track, place = seen.track, seen.place
+    around = range(place + seen.back, place + seen.back * (_USUAL + 1), seen.back)
+    usual = [track.area[one] for one in around if 0 <= one < len(track.frames)]
+    whole = bool(usual) and track.area[place] >= _FULL * float(np.median(usual))
+    begins_shot = lacking[0] if seen.back < 0 else track.frames[place]
+    nearest = lacking[0] if seen.back < 0 else lacking[-1]
+    return (
+        whole
+        and track.strong[place] >= _STRONG_BLOCKS
+        and begins_shot not in cuts
+        and not _may_have_left(seen)
+        and not any(_is_at(one, nearest, track.box_at(place)) for one in every)
+    )
+
+
+def _may_have_left(seen: _Seen) -> bool:
+    """Whether some of the object's steps take all of it out of the frame."""
+    track, place = seen.track, seen.place
+    x0, y0, x1, y1 = track.box_at(place)
+    across = down = 0
+    if 0 <= place + seen.back < len(track.frames):
+        other = track.box_at(place + seen.back)
+        across = max(abs(x0 - other[0]), abs(x1 - other[2]))
+        down = max(abs(y0 - other[1]), abs(y1 - other[3]))
+    rows, columns = track.mask.shape
+    beyond_side = min(x1, columns - x0) <= _STEPS * across
+    return bool(beyond_side or min(y1, rows - y0) <= _STEPS * down)
+
+
+def _is_at(track: Track, index: int, box: tuple[int, int, int, int]) -> bool:
+    """Whether a track has a region on a frame at a place, as where two objects meet."""
+    place = bisect_left(track.frames, index)
+    if place == len(track.frames) or track.frames[place] != index:
+        return False
+    x0, y0, x1, y1 = track.box_at(place)
+    return x0 < box[2] and box[0] < x1 and y0 < box[3] and box[1] < y1
