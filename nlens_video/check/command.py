@@ -243,6 +243,14 @@ def _notes(objects: list[Track], measures: Measures) -> list[str]:
             f"frames {first} to {last}: something moves in the plate at the object; its jumps, "
             "gaps and freezes are not judged there"
         )
+    for track in objects:
+        cropped = np.array(track.frames)[~track.whole]
+        if len(cropped):
+            notes.append(
+                f"the object, or what it casts, reaches the frame's edge on {len(cropped)} "
+                f"frame(s) of {cropped[0]} to {cropped[-1]}: its coverage and light are not judged "
+                "there"
+            )
     if objects and measures.drift.rms_px is None:
         notes.append(
             "the plate moves, and the object by itself: give the camera that it was rendered with "

@@ -108,19 +108,18 @@ def _judge_share(name: str, series: _Series, span: Frames, limit: float) -> list
     for first, last, amplitude in flicker(series.bend, limit, series.error):
         words = f"{name} of the object goes up and down by {amplitude:.1%} (limit {limit:.1%})"
         found.append(at("flicker", (int(span[first]), int(span[last])), amplitude, words))
-    jumps = outliers(series.bend, _POP, series.error)
-    for place, jump in jumps:
-        index = int(span[place])
-        words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {_POP:.0%})"
-        found.append(at("pop", (index, index), jump, words))
-    jumped = {place for place, _ in jumps}
     step_limit = _STEP * limit / _FLICKER
     own, *against = (dict(steps(values, step_limit)) for values in series.values)
-    for place, size in own.items():
-        if not jumped & {place - 1, place} and all(place in other for other in against):
+    lasting = {place: size for place, size in own.items() if all(place in one for one in against)}
+    for place, size in lasting.items():
+        index = int(span[place])
+        words = f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
+        found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
+    for place, jump in outliers(series.bend, _POP, series.error):
+        if lasting.keys().isdisjoint((place, place + 1)):  # a step bends the values on both sides
             index = int(span[place])
-            words = f"{name} of the object changes at once by {np.expm1(size):+.0%} and stays so"
-            found.append(at("pop", (index, index), size, f"{words} (limit {step_limit:.0%})"))
+            words = f"{name} of the object jumps by {np.expm1(jump):+.0%} (limit {_POP:.0%})"
+            found.append(at("pop", (index, index), jump, words))
     return found
 
 
@@ -189,8 +188,8 @@ def _overlap(one: Finding, other: Finding) -> bool:
 def _series(track: Track, span: Frames) -> dict[str, _Series]:
     """Sharpness and coverage.
 
-    Coverage is not judged where the object touches the frame's edge, which crops it, and neither is
-    where something passes.
+    Coverage is not judged where the object without its shadow touches the frame's edge, which crops
+    it, and neither is where something passes.
     """
     frames, clear = np.array(track.frames, np.int64), _clear(track)
     sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))

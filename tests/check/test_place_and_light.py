@@ -145,6 +145,34 @@ def test_lasting_tint_is_reported(checked):
     assert (finding.kind, finding.frame) == ("pop", 12) and "blue light" in finding.text
 
 
+def test_lasting_change_of_light_is_named_as_one(checked):
+    verdict = checked(looks=lambda n: {"gains": (0.6 if n >= 12 else 1,) * 3})
+    light = [one for one in verdict.findings if "light" in one.text]
+    assert [one.frame for one in light] == [12], texts(verdict)
+    assert "12: light of the object changes at once by -" in light[0].text
+
+
+def with_shadow_to_the_edge(number, gain):
+    """A disc whose shadow on the ground leaves the frame below."""
+    shadow = np.zeros((takes.HEIGHT, takes.WIDTH, 1), np.float32)
+    shadow[100:, 80 + 3 * number : 140 + 3 * number] = 0.4
+    plate = takes.plate(0) * (1 - cv2.GaussianBlur(shadow, (0, 0), 3)[..., None])
+    return takes.with_object(plate, number, place=(88 + 3.0 * number, 80), gains=(gain,) * 3)
+
+
+def test_light_is_judged_where_the_shadow_alone_reaches_the_frames_edge(tmp_path):
+    source = takes.encode(tmp_path / "in.mkv", [takes.plate(0)] * FRAMES, codec="ffv1")
+    pictures = [with_shadow_to_the_edge(n, 0.6 if n == 12 else 1.0) for n in range(FRAMES)]
+    result = takes.encode(tmp_path / "out.mkv", pictures, codec="ffv1")
+    verdict = compare(str(result), SourceSettings(spec=str(source))).verdict
+    assert any("light of the object jumps" in one for one in texts(verdict)), texts(verdict)
+
+
+def test_frames_whose_light_is_not_judged_are_noted(checked):
+    verdict = checked([(-20 + 7.0 * n, 90) for n in range(FRAMES)])
+    assert any("reaches the frame's edge on" in one for one in verdict.notes), verdict.notes
+
+
 @pytest.mark.slow
 def test_light_that_changes_with_the_plates_is_not_reported(checked):
     def dim(n):
