@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from nlens_video.check.freeze import judge_freezes
 from nlens_video.check.regions import SECTORS, Track, beside
 from nlens_video.check.series import (
     flicker,
-    freezes,
     lone_jumps,
     lone_offset,
     outliers,
@@ -30,7 +30,6 @@ _SMALL = 0.13  # the same limit times the root of the number of blocks, for smal
 _SMALL_BY_NOISE = 0.08  # that one for each level of noise: blocks at the outline vary with it
 _JUMP_PX, _JITTER_PX = 0.75, 0.4  # limits of a place on a single frame, and of its amplitude [px]
 _FINE = 1.0  # noise of encoding up to which these limits hold; they grow with it [level]
-_STILL = 0.75  # largest change of a still block of the result from frame to frame [level]
 _DARK = 8.0  # light below which noise would be a change [level]
 _COLOURS = ("red", "green", "blue")
 
@@ -82,7 +81,7 @@ def judge_object(track: Track, noise: float) -> list[Finding]:
     for name, series in _series(track, span).items():
         found += _judge_share(name, series, span, limit)
     found += _judge_light(_lights(track, span), span, limit)
-    still = _judge_freezes(track, span)
+    still = judge_freezes(track)
     frozen = {index for one in still for index in range(one.frame or 0, (one.last or 0) + 1)}
     found += _strongest(
         [
@@ -142,19 +141,6 @@ def _without_colour(one: Finding) -> Finding:
     for name in _COLOURS:
         text = text.replace(f"{name} light", "light")
     return replace(one, text=text)
-
-
-def _judge_freezes(track: Track, span: Frames) -> list[Finding]:
-    """Frames on which the object stands still between others on which it moves."""
-    motion = _on(span, np.array(track.frames, np.int64), np.array(track.motion))
-    return [
-        at(
-            "freeze", (int(span[first]), int(span[last])), float(motion[first]),
-            "the object stands still, and moves before and after",
-        )
-        for first, last in freezes(np.nan_to_num(motion), _STILL)
-        if not beside(track.disturbed, int(span[first]), int(span[last]))
-    ]  # fmt: skip
 
 
 def _judge_place(way: _Way, span: Frames, coarse: float) -> list[Finding]:

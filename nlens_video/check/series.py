@@ -191,10 +191,10 @@ def flicker(
 
 
 def freezes(motion: Float64, still: float) -> list[tuple[int, int]]:
-    """Runs of at most five still values between moving ones: first and last position.
+    """Runs of still values between moving ones: first and last position.
 
     Args:
-        motion: change since the value before, (n,) [level].
+        motion: change since the value before, (n,), NaN where there is none [level].
         still: change that the encoder alone makes [level].
     """
     found, at, count = [], 1, len(motion)
@@ -203,7 +203,7 @@ def freezes(motion: Float64, still: float) -> list[tuple[int, int]]:
         before = motion[at - 1]
         while end < count and motion[end] < max(0.25 * before, still):
             end += 1
-        if at < end < count and end - at <= 5 and min(before, motion[end]) > 4.0 * still:
+        if at < end < count and min(before, motion[end]) > 4.0 * still:
             found.append((at, end - 1))
         at = max(end, at) + 1
     return found
