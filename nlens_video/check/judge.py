@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
+from nlens_video.check.likeness import WORDS, fault
 from nlens_video.check.measure import NOISE_FACTOR, Measures
 from nlens_video.check.regions import Track
 from nlens_video.check.shadow import LEAST_TOLERANCE
@@ -93,6 +94,7 @@ def judge_plate(measures: Measures, objects: list[Track]) -> list[Finding]:
         found.append(at("plate", span, span[1] - span[0] + 1, words))
     noise = float(np.median(measures.noise)) if measures.noise else 0.0
     found += _judge_shade(measures, _SHADE + _SHADE_OF_NOISE * noise)
+    found += _judge_likeness(measures)
     if noise > _WHOLE_PLATE:
         found.append(
             at(
@@ -121,6 +123,24 @@ def _judge_shade(measures: Measures, limit: float) -> list[Finding]:
             "colours change"
         )
         found.append(at("plate", span, changed, words))
+    return found
+
+
+def _judge_likeness(measures: Measures) -> list[Finding]:
+    """Frames whose plate as a whole lies elsewhere, or has other detail or colours."""
+    faults = [
+        fault(one, noise) for one, noise in zip(measures.likeness, measures.noise, strict=True)
+    ]
+    found = []
+    for kind in sorted({one.kind for one in faults if one is not None}):
+        sizes = {
+            index: one.size
+            for index, one in zip(measures.compared, faults, strict=True)
+            if one is not None and one.kind == kind
+        }
+        for first, last in runs(sizes):
+            worst = max((sizes[index] for index in range(first, last + 1)), key=abs)
+            found.append(at("plate", (first, last), worst, f"the whole plate {WORDS[kind](worst)}"))
     return found
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from nlens_video.check.freeze import judge_freezes
+from nlens_video.check.presence import judge_freezes
 from nlens_video.check.regions import SECTORS, Track, beside
 from nlens_video.check.series import (
     flicker,
@@ -182,9 +182,10 @@ def _series(track: Track, span: Frames) -> dict[str, _Series]:
     sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
     log_area = np.log(np.maximum(np.array(track.area), 1e-3))
     area = _on(span, frames, np.where(clear & track.whole, log_area, np.nan))
+    times = _times(track, span)
     return {
-        "sharpness": _Series((sharpness,), _bend(sharpness), standard_error(sectors)),
-        "coverage": _Series((area,), _bend(area)),
+        "sharpness": _Series((sharpness,), _bend(sharpness, times), standard_error(sectors)),
+        "coverage": _Series((area,), _bend(area, times)),
     }
 
 
@@ -202,10 +203,10 @@ def _lights(track: Track, span: Frames) -> list[_Series]:
     whole = _on(
         span, np.array(track.frames, np.int64), np.where(clear[:, None, None], kinds, np.nan)
     )
-    found = []
+    found, times = [], _times(track, span)
     for colour in np.moveaxis(whole, 2, 0):
         values = tuple(colour.T)
-        found.append(_Series(values, _least([_bend(one) for one in values])))
+        found.append(_Series(values, _least([_bend(one, times) for one in values])))
     return found
 
 
@@ -220,12 +221,23 @@ def _ways(track: Track, span: Frames) -> list[_Way]:
     )
     kinds = np.where(clear[:, None, None], np.concatenate([own, own - plate], axis=1), np.nan)
     step = _on(span, np.array(track.frames, np.int64), kinds)
+    times = _times(track, span)
+    share = (np.diff(times)[:-1] / (times[2:] - times[:-2]))[:, None, None]
     bend = np.zeros(step.shape)
-    bend[:-1] = np.nan_to_num(0.5 * (step[:-1] - step[1:]))
+    bend[1:-1] = np.nan_to_num((1.0 - share) * step[1:-1] - share * step[2:])
     return [
-        _Way(*(_least([of(kind) for kind in axis.T]) for of in (np.asarray, undone, lone_offset)))
+        _Way(
+            bend=_least(list(axis.T)),
+            undone=_least([undone(kind) for kind in axis.T]),
+            offset=_least([lone_offset(kind, times) for kind in axis.T]),
+        )
         for axis in np.moveaxis(bend, 2, 0)
     ]
+
+
+def _times(track: Track, span: Frames) -> Float64:
+    """Times of the frames of a span, (n,), NaN where the region was not found [s]."""
+    return _on(span, np.array(track.frames, np.int64), np.array(track.times))
 
 
 def _clear(track: Track) -> npt.NDArray[np.bool_]:
@@ -233,8 +245,8 @@ def _clear(track: Track) -> npt.NDArray[np.bool_]:
     return np.array([not beside(track.disturbed, index, index) for index in track.frames])
 
 
-def _bend(values: Float64) -> Float64:
-    return np.asarray(np.nan_to_num(second_difference(values)))
+def _bend(values: Float64, times: Float64) -> Float64:
+    return np.asarray(np.nan_to_num(second_difference(values, times)))
 
 
 def _least(bends: list[Float64]) -> Float64:

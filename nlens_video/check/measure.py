@@ -13,6 +13,7 @@ import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
 from nlens_video.check.frames import FrameFeatures, Pair, Unpaired, block_mean, block_rms
+from nlens_video.check.likeness import Likeness, likeness
 from nlens_video.check.motion import NOT_KNOWN, Look, Template
 from nlens_video.check.regions import SECTORS, Mask, Track, Tracks
 from nlens_video.check.shadow import LEAST_TOLERANCE, is_shadow, shadowed
@@ -48,6 +49,7 @@ class Measures:
         compared: index of the result's frame of each of these pairs.
         noise: median difference of a block of each pair, beyond its shade, which is due to
             encoding [level].
+        likeness: of the plate in each of these pairs, away from all regions.
         without_alpha: index of the result's frames that lack the plate's alpha.
         cuts: indices of the result's frames at which the plate is another than on the one before.
         worst_late_s: largest delay of a frame [s].
@@ -66,6 +68,7 @@ class Measures:
     shade: array[float] = field(default_factory=lambda: array("d"))
     compared: array[int] = field(default_factory=lambda: array("q"))
     noise: array[float] = field(default_factory=lambda: array("d"))
+    likeness: list[Likeness] = field(default_factory=list)
     without_alpha: array[int] = field(default_factory=lambda: array("q"))
     cuts: set[int] = field(default_factory=set)
     worst_late_s: float = 0.0
@@ -108,6 +111,7 @@ class Measures:
         for track in tracks:
             changed |= track.mask
         gain = _detail_gain(pair, ~changed)
+        self.likeness.append(likeness(pair, ~changed))
         motion = None
         if self.previous is not None:
             motion = block_mean(np.abs(pair.result.luma - self.previous.luma))
@@ -121,6 +125,7 @@ class Measures:
             blocks = track.mask & ~shadow if (track.mask & ~shadow).any() else track.mask
             box = Box.of(blocks)
             track.boxes.extend((box.x0, box.y0, box.x1, box.y1))
+            track.times.append(float(pair.plate.time_s))
             track.strong.append(int((difference[track.mask] > 2.0 * tolerance).sum()))
             self._place(track, look, solid, blocks)
             for mask in (track.mask, blocks):

@@ -31,6 +31,7 @@ class Track:
         first: index of the first of these frames in the result.
         mask: its blocks on the last of these frames, (h, w).
         frames: index of the frame.
+        times: of the plate's frame since its first one [s].
         area: coverage, in blocks of strong difference, with that of the blocks beside it [block].
         strong: its blocks that differ by more than twice the tolerance [block].
         boxes: first column and row, end column and row of it without its shadow, four numbers a
@@ -59,6 +60,7 @@ class Track:
     former: Mask
     former_at: int
     frames: array[int] = field(default_factory=lambda: array("q"))
+    times: array[float] = field(default_factory=lambda: array("d"))
     area: array[float] = field(default_factory=lambda: array("d"))
     strong: array[int] = field(default_factory=lambda: array("q"))
     boxes: array[int] = field(default_factory=lambda: array("q"))

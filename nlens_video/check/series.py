@@ -1,6 +1,6 @@
 """Jumps, steps, flicker and freezes of time series.
 
-The bend of a value is its difference from the mean of both neighbours.
+The bend of a value is its difference from the line through both neighbours.
 """
 
 from __future__ import annotations
@@ -12,25 +12,29 @@ from nlens_video.core.layers import Float64
 _WINDOW = 4  # frames to either side to which a value is compared
 _WAY = 6  # frames to either side whose motion tells how evenly an object moves
 _UNEVEN_OFFSET, _UNEVEN_BEND = 1.5, 2.0  # by which their offsets and their bends raise the limit
-_MOST_BESIDE = 4.0  # times a neighbour's bend that a value may be off alone; 2 where all is even
+_MOST_BESIDE = 2.0  # times what a neighbour's bend tells that a value may be off alone
 _LEAST_RUN = 6  # frames of flicker; fewer may go up and down by chance
 
 
-def second_difference(values: Float64) -> Float64:
-    """The bend: each value minus the mean of its neighbours, minus half the second difference.
+def second_difference(values: Float64, times: Float64 | None = None) -> Float64:
+    """The bend: each value minus that of a line through its neighbours at its time.
 
     A linear change gives 0, a single value off by e gives e with -e/2 on both sides, values off by
     +a and -a in turn give 2 a. The ends give 0; NaN spreads to its neighbours.
 
     Args:
         values: (n,) or (n, parts), NaN where there is none.
+        times: of the values, (n,), NaN where there is none; None where they are even.
 
     Returns:
         The same shape, in the unit of the values.
     """
     bend = np.zeros(values.shape)
     if len(values) > 2:
-        bend[1:-1] = values[1:-1] - 0.5 * (values[:-2] + values[2:])
+        even = np.full(len(values) - 2, 0.5)
+        share = even if times is None else (times[1:-1] - times[:-2]) / (times[2:] - times[:-2])
+        later = share.reshape(-1, *(1,) * (values.ndim - 1))
+        bend[1:-1] = values[1:-1] - ((1.0 - later) * values[:-2] + later * values[2:])
     return bend
 
 
@@ -58,21 +62,37 @@ def undone(bend: Float64) -> Float64:
     return result
 
 
-def lone_offset(bend: Float64) -> Float64:
+def lone_offset(bend: Float64, times: Float64 | None = None) -> Float64:
     """How far each value alone lies off the curve through its neighbours, two to either side.
 
-    A value that is off alone bends both its neighbours by half as much the other way: it is no
-    further off than four times the lesser of these bends. A curve of third order gives 0.
+    A value that is off alone bends both its neighbours the other way, by half as much where times
+    are even: it is no further off than twice what the lesser of these bends tells. A curve of third
+    order gives 0.
 
     Args:
         bend: of the series, (n,).
+        times: of the values, (n,), NaN where there is none; None where they are even.
     """
     offset = np.zeros(len(bend))
-    before, own, after = bend[:-2], bend[1:-1], bend[2:]
+    if len(bend) < 5:
+        return offset
+    at = np.arange(len(bend), dtype=np.float64) if times is None else times
+    step = np.diff(at)
+    first, second, third, fourth = step[:-3], step[1:-2], step[2:-1], step[3:]
+    before, own, after = bend[1:-3], bend[2:-2], bend[3:-1]
+    # the second divided differences of a cubic are linear in the mean of their three times
+    early, late = at[3:-1] - at[:-4], at[4:] - at[1:-3]
+    share = late / (early + late)
+    curve = share * before / (first * second) + (1.0 - share) * after / (third * fourth)
+    weight = 1.0 / (second * third)
+    weight += share / ((first + second) * second) + (1.0 - share) / (third * (third + fourth))
+    size = np.abs(own / (second * third) - curve) / weight
+    beside = np.minimum(
+        np.abs(before) * (first + second) / first, np.abs(after) * (third + fourth) / fourth
+    )
     lone = (own * before < 0.0) & (own * after < 0.0)
-    beside = np.minimum(np.abs(before), np.abs(after))
-    size = np.minimum(np.abs(2.0 * own - before - after) / 3.0, _MOST_BESIDE * beside)
-    offset[1:-1] = np.where(lone, np.copysign(size, own), 0.0)
+    size = np.minimum(size, _MOST_BESIDE * beside)
+    offset[2:-2] = np.nan_to_num(np.where(lone, np.copysign(size, own), 0.0))
     return offset
 
 

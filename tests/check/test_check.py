@@ -11,6 +11,7 @@ from support.clips import trim
 
 from nlens_video.check.command import compare
 from nlens_video.check.judge import judge_plate, objects_among, tolerance
+from nlens_video.check.likeness import Likeness
 from nlens_video.check.measure import Measures
 from nlens_video.check.regions import Track
 from nlens_video.cli.main import main
@@ -399,7 +400,7 @@ def test_faults_before_and_after_the_crossing_are_found(tmp_path):
 
 
 def test_plate_difference_within_the_stated_tolerance_is_not_a_finding():
-    measures = Measures(noise=array("d", [0.1]), pairs=2)
+    measures = Measures(noise=array("d", [0.1]), likeness=[Likeness()], pairs=2)
     mask = np.ones((2, 2), bool)
     track = Track(first=0, mask=mask, former=mask, former_at=0)
     for index in range(2):

@@ -99,6 +99,17 @@ def test_natural_motion_is_not_reported(checked, motion, crf):
     assert texts(checked(NATURAL[motion], name=name, **options)) == []
 
 
+def test_even_motion_at_uneven_times_is_not_reported(tmp_path):
+    times = np.cumsum([0, *np.random.default_rng(7).choice([1, 1, 1, 2, 3], FRAMES - 1)]).tolist()
+    source = takes.encode(tmp_path / "in.mkv", [takes.plate(0)] * FRAMES, codec="ffv1", times=times)
+    pictures = [
+        takes.with_object(plate, n, place=(60 + 4.0 * times[n], 96))
+        for n, plate in enumerate(takes.decode(source))
+    ]
+    result = takes.encode(tmp_path / "out.mkv", pictures, codec="ffv1", times=times)
+    assert texts(compare(str(result), SourceSettings(spec=str(source))).verdict) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("crf", [None, 23])
 def test_object_that_shakes_with_its_plate_is_not_reported(checked, crf):

@@ -105,6 +105,17 @@ def test_starting_stopping_or_slowing_down_is_not_a_freeze(motion):
     assert freezes(np.array(motion, float), 0.5) == []
 
 
+def test_offset_of_a_value_alone_is_exact_at_uneven_times():
+    times = np.cumsum(np.random.default_rng(2).choice([1.0, 2.0, 3.0], 30))
+    curve = 5.0 * times - 0.3 * times**2 + 0.002 * times**3
+    np.testing.assert_allclose(
+        lone_offset(second_difference(curve, times), times), np.zeros(30), atol=1e-9
+    )
+    straight = 5.0 * times + 3.0 * (np.arange(30) == 12)
+    offset = lone_offset(second_difference(straight, times), times)
+    assert offset[12] == pytest.approx(3.0) and np.argmax(np.abs(offset)) == 12
+
+
 def test_a_value_off_alone_is_undone_by_its_neighbours():
     values = np.linspace(0.0, 40.0, 21)
     values[9] += 3.0
