@@ -9,10 +9,9 @@ import av
 from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.color import FULL_RANGE, TRANSFERS, ColorTags, luma
-from nlens_video.core.errors import InputError
 from nlens_video.video.info import FrameTags, SourceInfo
 from nlens_video.video.pixels.display_codes import SRGB_TRC, is_float, is_light
-from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
+from nlens_video.video.pixels.pixel_formats import PixelLayout, working_layout
 
 _LIMITED = 1
 _UNSAID = (0, 2)
@@ -70,7 +69,7 @@ def stored_colour(
         read: what a reader finds of tags that are written.
     """
     tags = _tags(info, pixel_format)
-    kind = _layout(pixel_format)
+    kind = working_layout(pixel_format)
     if kind is None or tags == FrameTags():
         return StoredColour(pixel_format=pixel_format, tags=tags)
     found = read(tags)
@@ -94,7 +93,7 @@ def siting_option(info: SourceInfo, pixel_format: str, container: str) -> dict[s
         pixel_format: of the result, FFmpeg's name.
         container: FFmpeg's name of the muxer.
     """
-    kinds = (_layout(info.pixel_format), _layout(pixel_format))
+    kinds = (working_layout(info.pixel_format), working_layout(pixel_format))
     halved = all(kind is not None and (kind.step_x, kind.step_y) == (2, 2) for kind in kinds)
     siting = (info.chroma_siting if halved else "") or "left"
     told = siting != "left" or container == "yuv4mpegpipe"
@@ -122,13 +121,6 @@ def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
         color_primaries=1 if tags.color_primaries in _UNSAID else tags.color_primaries,
         color_trc=SRGB_TRC if tags.color_trc in _UNSAID else tags.color_trc,
     )  # fmt: skip
-
-
-def _layout(pixel_format: str) -> PixelLayout | None:
-    try:
-        return layout(working_format(pixel_format))
-    except InputError:
-        return None
 
 
 def _resolved(kind: PixelLayout, info: SourceInfo, tags: FrameTags, span: int) -> ColorTags:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import av
 from av.codec.codec import Capabilities
 
-from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.errors import UsageError
 from nlens_video.video.info import SourceInfo
 from nlens_video.video.pixels.display_codes import is_float, is_light
-from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
+from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_layout
 
 # Decoder (or family) to encoder.
 _ENCODERS = {
@@ -224,7 +224,7 @@ def what_is_lost(wanted: str, chosen: str, codec: str) -> tuple[str, ...]:
         chosen: the encoder's input format.
         codec: FFmpeg's name of the encoder.
     """
-    goal, kind = layout(wanted), _known_layout(chosen)
+    goal, kind = layout(wanted), working_layout(chosen)
     if goal is None or kind is None:
         return ()
     lost = []
@@ -255,16 +255,9 @@ def clipped_light(info: SourceInfo, chosen: str) -> tuple[str, ...]:
     )
 
 
-def _known_layout(name: str) -> PixelLayout | None:
-    try:
-        return layout(working_format(name))
-    except InputError:
-        return None
-
-
 def _loss(goal: PixelLayout, name: str) -> tuple[int, int, int, int, int, int]:
     """Loss of a format, by importance: colour, alpha, family, subsampling, bits, then waste."""
-    kind = _known_layout(name)
+    kind = working_layout(name)
     if kind is None:
         return (9, 0, 0, 0, 0, 0)
     colour = int(goal.family != "gray" and kind.family == "gray")

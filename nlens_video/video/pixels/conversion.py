@@ -10,8 +10,12 @@ import numpy.typing as npt
 from av.video.reformatter import Interpolation
 
 from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags
-from nlens_video.core.errors import InputError
-from nlens_video.video.pixels.pixel_formats import PixelLayout, layout, working_format
+from nlens_video.video.pixels.pixel_formats import (
+    PixelLayout,
+    layout,
+    working_format,
+    working_layout,
+)
 from nlens_video.video.pixels.recoding import recode
 from nlens_video.video.pixels.samples import Coding, frame_samples
 
@@ -166,7 +170,7 @@ def _exact(
     chroma_siting: str,
 ) -> av.VideoFrame | None:  # fmt: skip
     """The frame in another pixel format, matrix and range; None where FFmpeg converts it well."""
-    kind, goal = layout(frame.format.name), _goal(target)
+    kind, goal = layout(frame.format.name), working_layout(target)
     if kind is None or goal is None:
         return None
     own, other = _coding(kind, *was), _coding(goal, *becomes)
@@ -192,13 +196,6 @@ def _reformatted(
         format=target, src_colorspace=was[0], dst_colorspace=becomes[0],
         src_color_range=was[1], dst_color_range=becomes[1], interpolation=method,
     )  # fmt: skip
-
-
-def _goal(target: str) -> PixelLayout | None:
-    try:
-        return layout(working_format(target))
-    except InputError:
-        return None
 
 
 def _coding(kind: PixelLayout, matrix: int, span: int) -> Coding:

@@ -117,6 +117,14 @@ def layout(name: str) -> PixelLayout | None:
     return _packed(name) if _PACKED.fullmatch(name) else None
 
 
+def working_layout(name: str) -> PixelLayout | None:
+    """Layout of the working format of a pixel format; None where that is not supported."""
+    try:
+        return layout(working_format(name))
+    except InputError:
+        return None
+
+
 def _gray(kind: str, real: str | None, depth: str | None) -> PixelLayout | None:
     if real and depth != "32":
         return None

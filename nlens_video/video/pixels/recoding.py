@@ -84,9 +84,9 @@ def _mapped(source: Samples, coding: Coding) -> Samples:
 @lru_cache(maxsize=64)
 def _change(source: Coding, target: Coding) -> Float32:
     """Affine map (3, 4) from codes of one kind to those of another."""
-    to_rgb: Float64 = source.rgb_from_codes
-    to_rgb[:, 3] -= target.rgb_from_codes[:, 3]
-    change = target.codes_from_rgb @ to_rgb
+    own, other = source.rgb_from_codes, target.rgb_from_codes
+    to_rgb = np.concatenate([own[:, :3], own[:, 3:] - other[:, 3:]], axis=1)
+    change: Float64 = target.codes_from_rgb @ to_rgb
     change[np.abs(change) < _NOTHING] = 0.0
     return np.asarray(change, np.float32)
 
