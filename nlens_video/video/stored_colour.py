@@ -10,6 +10,7 @@ from av.video.codeccontext import VideoCodecContext
 
 from nlens_video.core.color import FULL_RANGE, TRANSFERS, ColorTags, luma
 from nlens_video.video.info import FrameTags, SourceInfo
+from nlens_video.video.pixels.conversion import matrix_of_primaries
 from nlens_video.video.pixels.display_codes import SRGB_TRC, is_float, is_light
 from nlens_video.video.pixels.pixel_formats import PixelLayout, working_layout
 
@@ -115,9 +116,10 @@ def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
         return replace(tags, colorspace=0, color_range=FULL_RANGE)
     if info.tags.matrix != "gbr" or "gray" in pixel_format:
         return tags
-    matrix, span = (5, FULL_RANGE) if pixel_format.startswith("yuvj") else (1, _LIMITED)
+    jpeg = pixel_format.startswith("yuvj")
     return FrameTags(
-        colorspace=matrix, color_range=span,
+        colorspace=5 if jpeg else matrix_of_primaries(tags.color_primaries),
+        color_range=FULL_RANGE if jpeg else _LIMITED,
         color_primaries=1 if tags.color_primaries in _UNSAID else tags.color_primaries,
         color_trc=SRGB_TRC if tags.color_trc in _UNSAID else tags.color_trc,
     )  # fmt: skip

@@ -182,6 +182,19 @@ def test_depth_of_rgb_and_grey_changes_without_mean_error(tmp_path, own, other):
         assert (components(frame)[3] == form.peak).all()
 
 
+@pytest.mark.parametrize(
+    ("own", "other"), [("bgra", "gray"), ("bgra", "gray16le"), ("gbrp16le", "gray")]
+)
+def test_grey_of_rgb_is_its_luma_of_bt709(tmp_path, own, other):
+    copy(
+        plate(tmp_path / "in.mkv", COLOURS, own), tmp_path / "out.mkv", codec="ffv1", pix_fmt=other
+    )
+    frame, _ = decoded(tmp_path / "out.mkv")
+    peak = coding(other).peak
+    grey = components(frame)[0][HEIGHT // 2] / peak
+    np.testing.assert_allclose(grey, COLOURS @ (0.2126, 0.7152, 0.0722), atol=1.1 / 255)
+
+
 @pytest.mark.parametrize("own", ["yuv420p", "yuv444p", "yuv420p10le", "yuv422p10le"])
 def test_full_range_becomes_limited_without_mean_error_of_colours(tmp_path, own):
     source = plate(tmp_path / "in.mkv", COLOURS, own, FULL)

@@ -139,6 +139,7 @@ def test_rgb_that_becomes_yuv_keeps_the_meaning_of_its_codes(tmp_path, primaries
     with open_source(str(plate)) as source, open_source(str(out)) as result:
         assert result.info.tags.transfer == source.info.tags.transfer
         assert result.info.tags.primaries == source.info.tags.primaries
+        assert result.info.tags.matrix == ("bt2020nc" if primaries == 9 else "bt709")
         was, has = (next(iter(one)).picture.srgb() for one in (source, result))
     np.testing.assert_allclose(has, was, atol=0.02)  # PQ is steep
 

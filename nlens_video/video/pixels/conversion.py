@@ -30,6 +30,8 @@ _QUICK = Interpolation.POINT
 
 _BT601 = 5
 """Number of the matrix that libswscale converts into; as a target it does not know 6."""
+_BT2020_NC = 9
+_BT2020_PRIMARIES = 9
 
 
 def unpacked(frame: av.VideoFrame) -> av.VideoFrame:
@@ -125,8 +127,9 @@ def converted(
     """The frame in another pixel format, at its own time.
 
     Between two YUV or two RGB formats matrix and range stay, but with `limited` YUV becomes
-    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses BT.709, or with `bt601` that, in
-    limited range, or for `yuvj` BT.601 in full range as in JPEG, and tags the result so.
+    limited. YUV to RGB uses `tags`; RGB or grey to YUV uses the matrix of its primaries
+    (`matrix_of_primaries`), or with `bt601` that, in limited range, or for `yuvj` BT.601 in full
+    range as in JPEG, and tags the result so.
 
     Args:
         frame: any.
@@ -144,7 +147,8 @@ def converted(
         span = FULL_RANGE if tags.full_range else 1
     to_yuv = (was or _is_grey(frame.format.name)) and not becomes and not _is_grey(target)
     jpeg = target.startswith("yuvj")
-    made = (5 if jpeg or bt601 else 1) if to_yuv else matrix
+    own_matrix = _BT601 if jpeg or bt601 else matrix_of_primaries(frame.color_primaries)
+    made = own_matrix if to_yuv else matrix
     made_span = FULL_RANGE if jpeg else 1 if to_yuv or limited else span
     result = _exact(frame, target, (matrix, span), (made, made_span), chroma_siting)
     if result is None:
@@ -159,6 +163,15 @@ def converted(
     if frame.time_base is not None:
         result.time_base = frame.time_base
     return result
+
+
+def matrix_of_primaries(primaries: int) -> int:
+    """Number of the matrix of YUV that is made of RGB: BT.2020 for its primaries, else BT.709.
+
+    Args:
+        primaries: FFmpeg's number of the primaries.
+    """
+    return _BT2020_NC if primaries == _BT2020_PRIMARIES else 1
 
 
 def _is_grey(name: str) -> bool:
@@ -211,8 +224,11 @@ def _coding(kind: PixelLayout, matrix: int, span: int) -> Coding:
 def _unbiased(own: Coding, other: Coding) -> bool:
     """Whether libswscale converts codes without a mean error.
 
-    It rounds depths down or up, keeps 4 * 255 for 1023, and moves chroma between ranges.
+    It rounds depths down or up, keeps 4 * 255 for 1023, moves chroma between ranges, and takes
+    BT.601's weights for grey.
     """
+    if own.family == "rgb" and other.family == "gray":
+        return False
     if own.family == other.family == "yuv" and own.tags != other.tags:
         return False
     if own.bits == other.bits == 8:
