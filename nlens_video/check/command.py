@@ -20,9 +20,11 @@ from nlens_video.check.frames import (
     pair_frames,
 )
 from nlens_video.check.judge import (
+    PICTURES,
     judge_drift,
     judge_frames,
     judge_plate,
+    judge_shape,
     objects_among,
     shadows_among,
 )
@@ -46,7 +48,6 @@ from nlens_video.video.interfaces import Source
 FINDINGS = 1
 """Exit code of a check that succeeded and found faults."""
 _ROUNDING_S = 0.001
-_SILENT = ("still", "sequence")  # results that hold no sound
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,9 +153,10 @@ def compare(
     for track in tracks:
         found += judge_object(track, noise)
     found += judge_plate(measures, tracks)
+    found += judge_shape(given.info, made.info)
     found += judge_drift(measures.drift)
     heard = len(readers[0].heard)  # a range that a stream does not reach is without it
-    missing = 0 if made.info.kind in _SILENT else max(0, heard - len(codecs[1]))
+    missing = 0 if made.info.kind in PICTURES else max(0, heard - len(codecs[1]))
     found += judge_sound(sound, missing)
     largest = max(tracks, key=lambda one: sum(one.area), default=None)
     bends = (0.0, 0.0) if largest is None else median_bends(largest)

@@ -19,6 +19,7 @@ from nlens_video.video.input.open import can_be_read_again
 from nlens_video.video.input.source import open_source
 from nlens_video.video.interfaces import Source
 from nlens_video.video.pixels.picture import SamplesPicture
+from nlens_video.video.stored_colour import SHOWN_ALIKE, UNSAID
 
 BLOCK_PX = 8
 """Edge of a block; those of common codecs, so that their noise averages out inside one [px]."""
@@ -186,7 +187,8 @@ def open_result(spec: str, plate: SourceInfo, transfer: str | None) -> Source:
     """Open a result, and read its first frame.
 
     Args:
-        spec: written by `render`, which keeps the plate's tags.
+        spec: written by `render`, which keeps the plate's codes. Where it tells no transfer
+            function, as pictures do, it has the plate's, if players show that like the usual one.
         plate: properties of its plate.
         transfer: name of a transfer function that overrides the plate's tag, as it then does that
             of a result that has the same one.
@@ -195,11 +197,18 @@ def open_result(spec: str, plate: SourceInfo, transfer: str | None) -> Source:
         InputError: it cannot be read.
     """
     made = open_source(spec)
-    inherited = made.info.frame_tags.color_trc == plate.frame_tags.color_trc
-    if transfer is None or not inherited or made.info.codec == "exr" or not can_be_read_again(spec):
+    tag = made.info.frame_tags.color_trc
+    if transfer is not None and tag == plate.frame_tags.color_trc:
+        curve = transfer
+    elif tag in UNSAID and plate.tags.transfer in SHOWN_ALIKE:
+        curve = plate.tags.transfer
+    else:
+        return made
+    known = made.info.codec == "exr" or made.info.tags.transfer == curve
+    if known or not can_be_read_again(spec):
         return made
     made.close()
-    return open_source(spec, input_transfer=transfer)
+    return open_source(spec, input_transfer=curve)
 
 
 def find_range(result: str, plate: SourceSettings) -> tuple[int, int] | None:

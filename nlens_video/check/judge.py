@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from nlens_video.check.drift import DriftMeasure
@@ -10,7 +12,11 @@ from nlens_video.check.measure import NOISE_FACTOR, Measures
 from nlens_video.check.regions import Track
 from nlens_video.check.shadow import LEAST_TOLERANCE
 from nlens_video.check.verdict import Finding, at, runs
+from nlens_video.video.info import SourceInfo
 
+PICTURES = ("still", "sequence")
+"""Kinds of results that hold neither sound nor a shape of their pixels."""
+_SHAPE = 0.01  # log of a ratio of shapes that rounding makes
 _SHADOW = 0.9  # share of a shadow's frames on which it is one, and has an object [1]
 _WHOLE_PLATE = 3.0  # median difference above that of any sensible encoding [level]
 _SHADES = ("light", "blue", "red", "alpha")  # luma, both colour differences, alpha
@@ -37,6 +43,23 @@ def judge_frames(measures: Measures) -> list[Finding]:
         direction = "late" if worst > 0 else "early"
         found.append(at("time", span, worst, f"shown {1e3 * abs(worst):.1f} ms {direction}"))
     return found
+
+
+def judge_shape(plate: SourceInfo, result: SourceInfo) -> list[Finding]:
+    """A result whose pixels are displayed in another shape; pictures do not tell theirs."""
+    ratio = result.pixel_aspect / plate.pixel_aspect
+    if result.kind in PICTURES or abs(math.log(ratio)) < _SHAPE:
+        return []
+    words = (
+        f"the result is displayed {ratio:.2f} times as wide as its plate: its pixels are "
+        f"{_shape(result)}, the plate's {_shape(plate)}"
+    )
+    return [at("plate", None, ratio, words)]
+
+
+def _shape(info: SourceInfo) -> str:
+    ratio = info.uneven_aspect
+    return "square" if ratio is None else f"{ratio.numerator}:{ratio.denominator}"
 
 
 def tolerance(measures: Measures) -> float:

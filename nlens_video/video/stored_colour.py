@@ -15,11 +15,11 @@ from nlens_video.video.pixels.display_codes import SRGB_TRC, is_float, is_light
 from nlens_video.video.pixels.pixel_formats import PixelLayout, working_layout
 
 _LIMITED = 1
-_UNSAID = (0, 2)
+UNSAID = (0, 2)
 """FFmpeg's numbers of tags that say nothing."""
 _HOLDING = ("matroska", "mov", "mp4")
 """Muxers that hold the tags of most encoders."""
-_ALIKE = ("bt709", "smpte170m", "bt2020-10", "bt2020-12", "iec61966-2-1")
+SHOWN_ALIKE = ("bt709", "smpte170m", "bt2020-10", "bt2020-12", "iec61966-2-1")
 """Transfer functions that players show alike."""
 
 
@@ -120,8 +120,8 @@ def _tags(info: SourceInfo, pixel_format: str) -> FrameTags:
     return FrameTags(
         colorspace=5 if jpeg else matrix_of_primaries(tags.color_primaries),
         color_range=FULL_RANGE if jpeg else _LIMITED,
-        color_primaries=1 if tags.color_primaries in _UNSAID else tags.color_primaries,
-        color_trc=SRGB_TRC if tags.color_trc in _UNSAID else tags.color_trc,
+        color_primaries=1 if tags.color_primaries in UNSAID else tags.color_primaries,
+        color_trc=SRGB_TRC if tags.color_trc in UNSAID else tags.color_trc,
     )  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def _lost(meant: ColorTags, taken: ColorTags) -> tuple[str, ...]:
     if (luma(meant.matrix) != luma(taken.matrix)).any():
         lost.append(f"matrix {meant.matrix}")
     curves = (meant.transfer, taken.transfer)
-    if curves[0] != curves[1] and not set(curves).issubset(_ALIKE):
+    if curves[0] != curves[1] and not set(curves).issubset(SHOWN_ALIKE):
         lost.append(f"transfer {meant.transfer}")
     if meant.primaries != taken.primaries:
         lost.append(f"primaries {meant.primaries}")

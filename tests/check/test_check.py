@@ -2,12 +2,14 @@
 
 import json
 from array import array
+from fractions import Fraction
 
+import av
 import cv2
 import numpy as np
 import pytest
 from support import shots, takes
-from support.clips import trim
+from support.clips import copy, trim, write_clip
 
 from nlens_video.check.command import compare
 from nlens_video.check.judge import judge_plate, objects_among, tolerance
@@ -75,6 +77,19 @@ def test_clean_composite_on_a_static_plate_has_no_findings(check, still):
 def test_unchanged_plate_passes_with_a_note_that_no_object_was_found(source):
     verdict = found(source, source)
     assert texts(verdict) == [] and "no object" in verdict.notes[0]
+
+
+def test_pixels_of_another_shape_are_reported_of_videos(tmp_path):
+    wide = Fraction(16, 11)
+    plate = takes.encode(tmp_path / "in.mp4", [takes.plate(0)] * 6, aspect=wide)
+    pictures = [takes.with_object(one, n) for n, one in enumerate(takes.decode(plate))]
+    kept = takes.encode(tmp_path / "kept.mp4", pictures, aspect=wide)
+    assert found(kept, plate).fine
+    (text,) = texts(found(takes.encode(tmp_path / "lost.mp4", pictures), plate))
+    assert "displayed 0.69 times as wide as its plate" in text
+    assert "its pixels are square, the plate's 16:11" in text
+    copy(kept, tmp_path / "p_%d.png")
+    assert not [one for one in texts(found(tmp_path / "p_%d.png", plate)) if "wide" in one]
 
 
 def test_dropped_frame_that_leaves_a_time_gap_is_reported(source, tmp_path):
@@ -250,6 +265,19 @@ def test_sound_is_not_missing_from_pictures(source, tmp_path, name):
     cv2.imwrite(str(tmp_path / name.replace("%04d", "0000")), coded)
     verdict = compare(str(tmp_path / name), SourceSettings(spec=str(source), frames=(0, 1))).verdict
     assert verdict.of("sound") == [] and verdict.frames == (1, 1)
+
+
+@pytest.mark.parametrize("name", ["p_%d.png", "p_%d.tif", "p_%d.jpg", "p_%d.webp"])
+@pytest.mark.parametrize("tag", [1, 2])
+def test_pictures_that_tell_no_transfer_function_have_the_plates(tmp_path, name, tag):
+    coded = np.round(255 * takes.plate(0)).astype(np.uint8)
+    frame = av.VideoFrame.from_ndarray(coded, "rgb24").reformat(
+        format="yuv420p", dst_colorspace=1, dst_color_range=1
+    )
+    frame.colorspace = frame.color_primaries = frame.color_trc = tag
+    plate = write_clip(tmp_path / "in.mkv", [frame] * 3)
+    copy(plate, tmp_path / name)
+    assert texts(found(tmp_path / name, plate)) == []
 
 
 @pytest.mark.slow

@@ -55,14 +55,20 @@ def with_object(picture, number, *, sigma=1.5, detail=1.0, place=None, gains=(1,
 def encode(
     path, pictures, *, size=(WIDTH, HEIGHT), times=None, crf=18, codec="libx264",
     audio_shift_s=0.0, audio=True, audio_codec="aac", loudness=0.1,
+    aspect=None,
 ):  # fmt: skip
-    """Write pictures in [0, 1] as 4:2:0 video with a tone of some loudness in [0, 1] beside it."""
+    """Write pictures in [0, 1] as 4:2:0 video with a tone of some loudness in [0, 1] beside it.
+
+    `aspect` is the width of a pixel by its height.
+    """
     with av.open(str(path), "w") as out:
         stream = out.add_stream(codec, rate=RATE)
         (stream.width, stream.height), stream.pix_fmt = size, "yuv420p"
         if codec == "libx264":
             stream.options = {"crf": str(crf), "preset": "veryfast", **REPEATABLE[codec]}
         stream.codec_context.time_base = Fraction(1, 1000)
+        if aspect is not None:
+            stream.codec_context.sample_aspect_ratio = aspect
         sound = out.add_stream(audio_codec, rate=48000, layout="mono") if audio else None
         if sound is not None:
             for at in range(RATE * 4 // 5):

@@ -8,6 +8,7 @@ from support.clips import copy, write_clip
 
 from nlens_video.core.color import ColorTags
 from nlens_video.video.input.source import open_source
+from nlens_video.video.pixels.conversion import converted
 from nlens_video.video.pixels.picture import picture_frame
 from nlens_video.video.pixels.pixel_formats import layout
 from nlens_video.video.pixels.samples import Coding, plane_rows
@@ -193,6 +194,19 @@ def test_grey_of_rgb_is_its_luma_of_bt709(tmp_path, own, other):
     peak = coding(other).peak
     grey = components(frame)[0][HEIGHT // 2] / peak
     np.testing.assert_allclose(grey, COLOURS @ (0.2126, 0.7152, 0.0722), atol=1.1 / 255)
+
+
+@pytest.mark.parametrize("pixel_format", ["yuvj420p", "yuvj444p"])
+def test_colours_of_8_bit_rgb_have_no_mean_error_in_jpeg(tmp_path, pixel_format):
+    frame = converted(stored(COLOURS, "bgra"), pixel_format)
+    form = coding(pixel_format, FULL, "smpte170m")
+    true = true_codes(np.rint(255 * COLOURS) / 255, form)
+    for number, samples in enumerate(components(frame)):
+        step = 2 if number and pixel_format == "yuvj420p" else 1
+        exact = true[:-1, number].reshape(-1, step).mean(axis=1)  # chroma lies between two columns
+        error = samples[HEIGHT // 4, : len(exact)] - exact
+        assert abs(error.mean()) < 0.05
+        assert np.abs(error).max() < 1.1
 
 
 @pytest.mark.parametrize("own", ["yuv420p", "yuv444p", "yuv420p10le", "yuv422p10le"])

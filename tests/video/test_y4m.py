@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.clips import copy, noise_frame, planes, write_clip
 
-from nlens_video.core.errors import OutputError
+from nlens_video.core.errors import UsageError
 
 DEEP = ("yuv420p10le", "yuv422p10le", "yuv444p12le", "gray12le", "gray16le")
 
@@ -45,8 +45,18 @@ def test_deep_pictures_go_through_a_named_pipe(tmp_path):
     assert_same(tmp_path / "read.y4m", plate)
 
 
-def test_pictures_that_y4m_does_not_hold_are_refused_by_their_format(tmp_path):
-    rgb = [noise_frame(64, 48, "rgb24")] * 3
-    plate = write_clip(tmp_path / "in.mkv", rgb, codec="libx264rgb")
-    with pytest.raises(OutputError, match="in gbrp at 25 frames per second"):
-        copy(plate, tmp_path / "out.y4m")
+@pytest.mark.parametrize(
+    ("pixel_format", "becomes"),
+    [("bgr0", "yuv444p"), ("bgra", "yuv444p"), ("gbrp10le", "yuv444p10le")],
+)
+def test_rgb_becomes_yuv_with_a_colour_for_each_pixel(tmp_path, pixel_format, becomes):
+    plate = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, pixel_format)] * 3)
+    copy(plate, tmp_path / "out.y4m")
+    with av.open(str(tmp_path / "out.y4m")) as made:
+        assert [one.format.name for one in made.decode(video=0)] == [becomes] * 3
+
+
+def test_rgb_that_is_asked_for_is_refused(tmp_path):
+    plate = write_clip(tmp_path / "in.mkv", [noise_frame(64, 48, "yuv420p")] * 3)
+    with pytest.raises(UsageError, match="does not hold rawvideo in rgb24"):
+        copy(plate, tmp_path / "out.y4m", pix_fmt="rgb24")

@@ -50,6 +50,8 @@ _EDITING = ("matroska", "avi", "nut", "mxf", "mov")
 """Containers of lossless and intermediate codecs."""
 _INTEGER = ("rgb48le", "rgba64le", "gray16le")
 """Of raw video: readers of it know no floats, whose light would be read as linear."""
+_WHOLE_YUV = ("yuv444p", "yuv444p10le", "yuv444p12le", "yuv444p16le")
+"""Of raw video where the container, such as Y4M, holds no RGB."""
 _EVEN = ("libx264", "libx265")
 """Encoders whose sizes must be multiples of the chroma subsampling."""
 _NO_ORDER = ("avi", "asf", "mxf")
@@ -217,7 +219,7 @@ def _opens(info: SourceInfo, name: str, pixel_format: str) -> bool:
 def _formats(info: SourceInfo, name: str) -> list[str]:
     """Input formats for an encoder, the best first.
 
-    The source's, or the nearest that it accepts; for alpha also those that more containers hold.
+    The source's, or the nearest that it accepts; those that more containers hold follow.
     """
     wanted = working_format(info.pixel_format)
     formats, kind = shown_formats(name), layout(wanted)
@@ -228,6 +230,8 @@ def _formats(info: SourceInfo, name: str) -> list[str]:
     else:
         best = nearest_format(wanted, formats, name)
     choices = [best]
+    if not formats:
+        choices.append(nearest_format(best, list(_WHOLE_YUV), name))
     if _has_alpha(best):
         plain = [one for one in formats if not _has_alpha(one)]
         choices += ["yuva420p"] if "yuva420p" in formats else []

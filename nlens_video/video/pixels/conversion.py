@@ -224,10 +224,11 @@ def _coding(kind: PixelLayout, matrix: int, span: int) -> Coding:
 def _unbiased(own: Coding, other: Coding) -> bool:
     """Whether libswscale converts codes without a mean error.
 
-    It rounds depths down or up, keeps 4 * 255 for 1023, moves chroma between ranges, and takes
-    BT.601's weights for grey.
+    It rounds depths down or up, keeps 4 * 255 for 1023, rounds chroma of full range down, moves
+    chroma between ranges, and takes BT.601's weights for grey.
     """
-    if own.family == "rgb" and other.family == "gray":
+    full = other.family == "yuv" and other.tags.full_range
+    if own.family == "rgb" and (full or other.family == "gray"):
         return False
     if own.family == other.family == "yuv" and own.tags != other.tags:
         return False
