@@ -22,6 +22,7 @@ _WHOLE_PLATE = 3.0  # median difference above that of any sensible encoding [lev
 _SHADES = ("light", "blue", "red", "alpha")  # luma, both colour differences, alpha
 _SHADE = 0.5  # middle change of all blocks by encoding, whose errors go both ways [level]
 _SHADE_OF_NOISE = 0.25  # and more, of the median difference
+_SHADE_OF_FADE = 0.1  # and more, of what a fade changes from frame to frame, which encoders predict
 
 
 def judge_frames(measures: Measures) -> list[Finding]:
@@ -133,8 +134,9 @@ def _judge_shade(measures: Measures, limit: float) -> list[Finding]:
     """Frames whose plate as a whole is lighter, darker or of another colour."""
     shade = np.array(measures.shade).reshape(-1, len(_SHADES))
     compared = np.array(measures.compared)
+    limits = limit + _SHADE_OF_FADE * np.array(measures.fades)
     found = []
-    for span in runs(compared[np.abs(shade).max(axis=1, initial=0.0) > limit].tolist()):
+    for span in runs(compared[np.abs(shade).max(axis=1, initial=0.0) > limits].tolist()):
         inside = shade[(compared >= span[0]) & (compared <= span[1])]
         middle = np.median(inside, axis=0)
         worst = int(np.argmax(np.abs(middle)))

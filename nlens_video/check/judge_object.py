@@ -29,6 +29,8 @@ _FLICKER = 0.015  # limit of the amplitude of flicker, as a share [1]
 _SMALL = 0.13  # the same limit times the root of the number of blocks, for small objects
 _SMALL_BY_NOISE = 0.08  # that one for each level of noise: blocks at the outline vary with it
 _JUMP_PX, _JITTER_PX = 0.75, 0.4  # limits of a place on a single frame, and of its amplitude [px]
+_TURN_PX = 2.0  # change of its step from frame to frame that changes an object's motion blur [px]
+_ENTERS = 1.5  # times as much of an object that the frame's edge crops, from frame to frame [1]
 _FINE = 1.0  # noise of encoding up to which these limits hold; they grow with it [level]
 _DARK = 8.0  # light below which noise would be a change [level]
 _COLOURS = ("red", "green", "blue")
@@ -78,8 +80,14 @@ def judge_object(track: Track, noise: float) -> list[Finding]:
     blocks = max(float(np.median(np.array(track.area))), 1.0)
     limit = max(_FLICKER, max(_SMALL, _SMALL_BY_NOISE * noise) / float(np.sqrt(blocks)))
     coarse = max(1.0, noise / _FINE)
+    changing = _changing(track)
     for name, series in _series(track, span).items():
-        found += _judge_share(name, series, span, limit)
+        of_share = _judge_share(name, series, span, limit)
+        found += [
+            one
+            for one in of_share
+            if name != "sharpness" or one.kind != "pop" or one.frame not in changing
+        ]
     found += _judge_light(_lights(track, span), span, limit)
     still = judge_freezes(track)
     frozen = {index for one in still for index in range(one.frame or 0, (one.last or 0) + 1)}
@@ -174,19 +182,24 @@ def _overlap(one: Finding, other: Finding) -> bool:
 def _series(track: Track, span: Frames) -> dict[str, _Series]:
     """Sharpness and coverage.
 
-    Coverage is not judged where the object without its shadow touches the frame's edge, which crops
-    it, and neither is where something passes.
+    Both are held against the plate's light too, which changes an object's contrast. Coverage is not
+    judged where the object without its shadow touches the frame's edge, which crops it, and neither
+    is where something passes.
     """
     frames, clear = np.array(track.frames, np.int64), _clear(track)
     sectors = second_difference(_on(span, frames, np.array(track.sectors).reshape(-1, SECTORS)))
     sharpness = _on(span, frames, np.where(clear, np.array(track.sharpness), np.nan))
     log_area = np.log(np.maximum(np.array(track.area), 1e-3))
     area = _on(span, frames, np.where(clear & track.whole, log_area, np.nan))
-    times = _times(track, span)
-    return {
-        "sharpness": _Series((sharpness,), _bend(sharpness, times), standard_error(sectors)),
-        "coverage": _Series((area,), _bend(area, times)),
+    plate = np.array(track.plate_light).reshape(len(frames), -1).mean(axis=1)
+    light, times = _on(span, frames, np.log(np.hypot(_DARK, plate))), _times(track, span)
+    kinds = {
+        name: (values, values - light)
+        for name, values in (("sharpness", sharpness), ("coverage", area))
     }
+    bends = {name: _least([_bend(one, times) for one in kind]) for name, kind in kinds.items()}
+    errors = {"sharpness": standard_error(sectors)}
+    return {name: _Series(kinds[name], bends[name], errors.get(name, 0.0)) for name in kinds}
 
 
 def _lights(track: Track, span: Frames) -> list[_Series]:
@@ -238,6 +251,25 @@ def _ways(track: Track, span: Frames) -> list[_Way]:
 def _times(track: Track, span: Frames) -> Float64:
     """Times of the frames of a span, (n,), NaN where the region was not found [s]."""
     return _on(span, np.array(track.frames, np.int64), np.array(track.times))
+
+
+def _changing(track: Track) -> set[int]:
+    """Frames round which an object's sharpness changes by itself.
+
+    It starts, stops or turns round at once, which changes its motion blur, or it enters or leaves
+    the frame.
+    """
+    frames = np.array(track.frames, np.int64)
+    step = np.array(track.steps).reshape(len(frames), -1, 2)[:, 0]
+    area = np.log(np.maximum(np.array(track.area), 1e-3))
+    follows = np.diff(frames) == 1
+    turns = follows & (np.linalg.norm(np.diff(step, axis=0), axis=1) > _TURN_PX)
+    enters = follows & ~track.whole[1:] & (np.abs(np.diff(area)) > np.log(_ENTERS))
+    return {
+        int(index) + shift
+        for index in frames[1:][turns | enters]
+        for shift in (-2, -1, 0, 1)  # the blur of a frame is that of its open shutter
+    }
 
 
 def _clear(track: Track) -> npt.NDArray[np.bool_]:

@@ -46,6 +46,8 @@ class Measures:
         late: index and delay of each result's frame shown at another time than the plate's [s].
         shade: median signed difference of the blocks of each pair, of luma, both colour differences
             and alpha, four numbers a pair [level].
+        fades: median change of the plate's light to the frame beside, the larger one, of each of
+            these pairs [level].
         compared: index of the result's frame of each of these pairs.
         noise: median difference of a block of each pair, beyond its shade, which is due to
             encoding [level].
@@ -66,6 +68,7 @@ class Measures:
     shifted: list[tuple[int, int]] = field(default_factory=list)
     late: list[tuple[int, float]] = field(default_factory=list)
     shade: array[float] = field(default_factory=lambda: array("d"))
+    fades: array[float] = field(default_factory=lambda: array("d"))
     compared: array[int] = field(default_factory=lambda: array("q"))
     noise: array[float] = field(default_factory=lambda: array("d"))
     likeness: list[Likeness] = field(default_factory=list)
@@ -103,6 +106,7 @@ class Measures:
         noise = float(np.median(difference))
         self.noise.append(noise)
         self.shade.extend(shade.tolist())
+        self.fades.append(_fade(pair))
         self.compared.append(pair.result.index)
         tolerance = LEAST_TOLERANCE + NOISE_FACTOR * noise
         passing = _passing(pair)
@@ -146,6 +150,12 @@ class Measures:
             track.steps.extend((*NOT_KNOWN, *NOT_KNOWN))
         track.plate_steps.extend(self.drift.plate_step_px.tolist())
         track.templates = Template.of(look, track.mask), Template.of(solid, blocks)
+
+
+def _fade(pair: Pair) -> float:
+    beside = [one for one in (pair.before, pair.after) if one is not None]
+    changes = [np.median(pair.plate.colour[..., 0] - one.colour[..., 0]) for one in beside]
+    return float(np.abs(changes).max(initial=0.0))
 
 
 def _is_cut(pair: Pair) -> bool:

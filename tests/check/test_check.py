@@ -12,6 +12,7 @@ from support import shots, takes
 from support.clips import copy, trim, write_clip
 
 from nlens_video.check.command import compare
+from nlens_video.check.frames import FrameFeatures, Pair
 from nlens_video.check.judge import judge_plate, objects_among, tolerance
 from nlens_video.check.likeness import Likeness
 from nlens_video.check.measure import Measures
@@ -149,6 +150,31 @@ def test_sharpness_flicker_is_reported(check, what, usual, share, least):
     assert {one.kind for one in verdict.findings} == {"flicker"}, texts(verdict)
     assert "sharpness" in verdict.findings[0].text
     assert verdict.measures["sharpness_bend"] > least
+
+
+def test_motion_blur_that_ends_as_the_object_stops_is_no_fault(still, tmp_path):
+    def place(time):
+        return 88 + 10.0 * min(time, 11.0), 100.0
+
+    def stop(pictures, times):
+        plates = takes.decode(still)
+        moments = np.linspace(-0.25, 0.25, 9)
+        return [
+            np.mean(
+                [takes.with_object(one, n, place=place(n + moment)) for moment in moments], axis=0
+            )
+            for n, one in enumerate(plates)
+        ], times
+
+    assert texts(found(edited(still, tmp_path / "o.mp4", stop), still)) == []
+
+
+def test_plate_whose_exposure_goes_up_and_down_is_no_fault_of_the_object(tmp_path):
+    gains = [1.06 if n % 2 else 0.94 for n in range(takes.FRAMES)]
+    pictures = [gain * takes.plate(0) for gain in gains]
+    plate = takes.encode(tmp_path / "in.mp4", pictures)
+    made = [gain * takes.with_object(takes.plate(0), n) for n, gain in enumerate(gains)]
+    assert texts(found(takes.encode(tmp_path / "o.mp4", made), plate)) == []
 
 
 def test_lasting_change_of_blur_is_reported(check):
@@ -438,6 +464,26 @@ def test_plate_difference_within_the_stated_tolerance_is_not_a_finding():
     assert objects_among(measures, 1) == [] and judge_plate(measures, []) == []
     track.worst = 2.2
     assert len(judge_plate(measures, [])) == 1
+
+
+@pytest.mark.parametrize(("fade", "findings"), [(0.0, 1), (5.0, 0)])
+def test_light_of_a_fade_may_be_off_by_more(fade, findings):
+    measures = Measures(
+        noise=array("d", [0.1]), likeness=[Likeness()], compared=array("q", [0]),
+        shade=array("d", [0.7, 0.0, 0.0, 0.0]), fades=array("d", [fade]),
+    )  # fmt: skip
+    assert len(judge_plate(measures, [])) == findings
+
+
+def test_fade_is_measured_between_frames():
+    fading = [FrameFeatures(
+        index=n, time_s=Fraction(n, 25), luma=level * np.ones((16, 16), np.float32),
+        colour=np.dstack([level * np.ones((2, 2), np.float32)] * 3),
+        detail=np.zeros((2, 2), np.float32), alpha=None,
+    ) for n, level in enumerate((100, 104, 110))]  # fmt: skip
+    measures = Measures()
+    measures.add(Pair(fading[1], fading[1], fading[0], fading[2]))
+    assert list(measures.fades) == [6.0]
 
 
 def test_chroma_of_every_pixel_for_a_plate_of_half_is_no_plate_change(tmp_path):

@@ -129,13 +129,14 @@ def test_strip_of_pictures_ground_grid_and_reasons_of_effects_are_shown(page):
 
 
 @pytest.mark.needs_chromium
-def test_render_is_cancelled_in_the_page(browser, tmp_path):
+def test_render_is_begun_and_cancelled_by_the_keyboard_alone(browser, tmp_path):
     shot = write_shot(tmp_path, frames=3000)
     with opened(browser, shot) as (page, _):
-        page.locator("#render").click()
+        page.locator("#render").press("Enter")
         page.locator("#progress[value]").wait_for(timeout=WAIT_MS)
-        page.locator("#cancel").click()
+        page.keyboard.press("Enter")  # the focus went to the button that took the first one's place
         page.wait_for_selector("body[data-render=cancelled]", timeout=WAIT_MS)
+        assert page.evaluate("document.activeElement.id") == "render"
         assert page.locator("#rendered").text_content() == "Cancelled; no result was written."
         assert page.locator("#render").is_visible() and page.locator("#result").is_hidden()
     assert not (tmp_path / "out.mp4").exists()

@@ -99,3 +99,36 @@ def test_undo_during_a_drag_takes_back_the_drag_and_not_the_step_before(page, sh
     page.keyboard.press("Control+z")
     assert page.locator("#at-x").input_value() == "0.402"
     page.mouse.up()
+
+
+def test_undo_in_a_field_takes_back_the_shot_once_its_number_is_taken(page, shot):
+    before = saved(page, shot)["place"]
+    field = page.locator("#size")
+    shown_before = field.input_value()
+    field.fill("0.25")
+    at_rest(page, lambda: field.press("Enter"))
+    assert saved(page, shot)["place"]["size"] == 0.25
+    at_rest(page, lambda: field.press("Control+z"))
+    assert field.input_value() == shown_before
+    assert saved(page, shot)["place"] == before
+
+
+def test_undo_while_a_number_is_typed_is_the_fields_own(page, shot):
+    at_rest(page, lambda: page.locator("#move").press("ArrowRight"))
+    before = saved(page, shot)["place"]
+    field = page.locator("#size")
+    field.focus()
+    field.press("End")
+    field.press("5")
+    field.press("Control+z")
+    assert saved(page, shot)["place"] == before
+    assert page.locator("#redo").is_disabled()
+
+
+def test_keyboard_stays_on_the_buttons_of_the_history(page, shot):
+    at_rest(page, lambda: page.locator("#move").press("ArrowRight"))
+    page.locator("#undo").focus()
+    at_rest(page, lambda: page.keyboard.press("Enter"))
+    assert page.evaluate("document.activeElement.id") == "redo"
+    at_rest(page, lambda: page.keyboard.press("Enter"))
+    assert page.evaluate("document.activeElement.id") == "undo"

@@ -10,11 +10,22 @@ export const one = (id) => /** @type {T} */ (/** @type {unknown} */ (document.ge
 /** @param {string} id */
 export const field = (id) => /** @type {HTMLInputElement} */ (one(id));
 
+for (const kind of ["input", "change", "focusout"]) { // before what a field's own listeners do
+  document.addEventListener(kind, ({ target }) => {
+    if (!(target instanceof HTMLInputElement) || !["number", "text"].includes(target.type)) return;
+    target.toggleAttribute("data-typing", kind === "input");
+  }, { capture: true });
+}
+
+/** Whether a field holds text that is typed and not taken yet. @param {EventTarget | null} input */
+export function isTyping(input) {
+  return input instanceof HTMLInputElement && input.hasAttribute("data-typing");
+}
+
 /** @param {string} id @param {string | number} value */
 export function setUnlessTyping(id, value) {
   const input = field(id);
-  const typing = document.activeElement === input && (input.type === "number" || input.type === "text");
-  if (!typing) input.value = String(value);
+  if (!isTyping(input)) input.value = String(value);
 }
 
 /** A shape in fractions of the frame. @param {string} kind @param {{[name: string]: string | number}} attributes */

@@ -1,7 +1,7 @@
 // The page: joins shot, picture, panel and server.
 
 import { CameraPanel } from "./camera_panel.js";
-import { field, one, setUnlessTyping } from "./elements.js";
+import { field, isTyping, one, setUnlessTyping } from "./elements.js";
 import { Film } from "./film.js";
 import { FIRST_PLACE, movedTo, rounded } from "./ground.js";
 import { LightPanel } from "./light_panel.js";
@@ -226,8 +226,11 @@ function fill() {
   region.show();
   stage.region = region.region;
   setUnlessTyping("output", shot.get("output", "file") ?? "");
+  const focused = document.activeElement?.id;
   field("undo").disabled = !shot.past.length;
   field("redo").disabled = !shot.future.length;
+  if (focused === "undo" && !shot.past.length) field("redo").focus(); // a disabled button holds no focus
+  if (focused === "redo" && !shot.future.length) field("undo").focus();
   one("saved").textContent = shot.unsaved ? "· not saved" : "· saved";
 }
 
@@ -282,8 +285,7 @@ function replaced() {
 }
 
 document.addEventListener("keydown", (event) => {
-  const typing = event.target instanceof HTMLInputElement && ["text", "number"].includes(event.target.type);
-  if (typing || !(event.ctrlKey || event.metaKey)) return;
+  if (isTyping(event.target) || !(event.ctrlKey || event.metaKey)) return;
   const key = event.key.toLowerCase();
   if (key === "z") step(event.shiftKey ? "redo" : "undo");
   else if (key === "y") step("redo");

@@ -9,8 +9,10 @@ one("cancel").addEventListener("click", () => void attempt(() => request("render
 /** @param {any} said @param {boolean} still the plate is one picture */
 export function showRender(said, still) {
   const running = said.render === "running";
-  one("render").hidden = running;
-  one("cancel").hidden = !running;
+  const [shown, other] = running ? [one("cancel"), one("render")] : [one("render"), one("cancel")];
+  shown.hidden = false;
+  if (document.activeElement === other) shown.focus(); // a hidden button holds no focus
+  other.hidden = true;
   const bar = /** @type {HTMLProgressElement} */ (one("progress"));
   bar.hidden = !running;
   if (running && said.of) bar.value = said.frames / said.of;
