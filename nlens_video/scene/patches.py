@@ -44,72 +44,63 @@ class PosedPatches:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _OfMesh:
-    """Patches of one mesh.
+class Patches:
+    """Patches, spread evenly over the object's surface and carried by it, mesh by mesh.
 
     Attributes:
-        mesh: its place among the scene's.
-        corners: vertices of the triangle that each lies on (P, 3).
+        corners: by mesh, its place among the scene's, and vertices of the triangle that each of
+            its patches lies on (N, 3).
         weights: of these vertices (P, 3) [1].
         areas: of the patch by that of the triangle, without node and skin (P,) [1].
         colors: see `PosedPatches`.
     """
 
-    mesh: int
-    corners: Int32
+    corners: tuple[tuple[int, Int32], ...]
     weights: Float64
     areas: Float64
     colors: Float64
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Patches:
-    """Patches, spread evenly over the object's surface and carried by it.
-
-    Attributes:
-        parts: mesh by mesh.
-    """
-
-    parts: tuple[_OfMesh, ...]
-
     @classmethod
     def of(cls, posed: PosedScene) -> Patches:
         """Spread patches over a scene's triangles, evenly by their area at that moment."""
-        sizes = np.array([_areas(one.positions, one.faces).sum() for one in posed.meshes])
+        sizes = np.array([_areas(one.positions[one.faces]).sum() for one in posed.meshes])
         # what has no extent yet, as what grows from nothing, is taken for one of mean size
         sizes = np.where(sizes > 0.0, sizes, sizes.mean() or 1.0)
-        parts = []
+        found = []
+        weights, areas, colors = [np.zeros((0, 3))], [np.zeros(0)], [np.zeros((0, 3))]
         for number, (mesh, size) in enumerate(zip(posed.meshes, sizes, strict=True)):
-            own = _areas(mesh.geometry.positions, mesh.faces)
+            own = _areas(mesh.geometry.positions[mesh.faces])
             if own.sum() <= 0.0:
                 continue
             count = math.ceil(COUNT * size / sizes.sum())
             chosen, along, aside = points_by_area(own, count)
             # off the edges of triangles, where a texture may begin anew
-            weights = np.stack([1.0 - along - aside, along, aside], axis=1)
-            weights += _INWARD * (1.0 / 3.0 - weights)
+            inner = np.stack([1.0 - along - aside, along, aside], axis=1)
+            inner += _INWARD * (1.0 / 3.0 - inner)
             corners = mesh.faces[chosen]
-            share = own.sum() / count / own[chosen]
-            colors = _colors(mesh.geometry, corners, weights)
-            parts.append(_OfMesh(number, corners, weights, share, colors))
-        return cls(tuple(parts))
+            found.append((number, corners))
+            weights.append(inner)
+            areas.append(own.sum() / count / own[chosen])
+            colors.append(_colors(mesh.geometry, corners, inner))
+        return cls(
+            tuple(found), np.concatenate(weights), np.concatenate(areas), np.concatenate(colors)
+        )
 
     def at(self, posed: PosedScene) -> PosedPatches:
         """The patches at another moment of the same scene."""
-        nothing = np.zeros((0, 3))
-        points, normals, colors, areas = [nothing], [nothing], [nothing], [np.zeros(0)]
-        for part in self.parts:
-            mesh = posed.meshes[part.mesh]
-            points.append(_mixed(mesh.positions, part.corners, part.weights))
-            normal = _mixed(mesh.normals, part.corners, part.weights)
-            length = np.linalg.norm(normal, axis=1, keepdims=True)
-            normals.append(normal / np.maximum(length, np.finfo(np.float64).tiny))
-            areas.append(part.areas * _areas(mesh.positions, part.corners))
-            colors.append(part.colors)
-        return PosedPatches(
-            np.concatenate(points), np.concatenate(normals), np.concatenate(areas),
-            np.concatenate(colors),
-        )  # fmt: skip
+        none = np.zeros((0, 3, 3), np.float32)
+        places, turned = [none], [none]
+        for number, corners in self.corners:
+            mesh = posed.meshes[number]
+            places.append(mesh.positions[corners])
+            turned.append(mesh.normals[corners])
+        # all at once: NumPy takes as long for the few patches of one mesh as for those of all
+        triangles = np.concatenate(places)
+        normals = _mixed(np.concatenate(turned), self.weights)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals /= np.maximum(length, np.finfo(np.float64).tiny)
+        points, areas = _mixed(triangles, self.weights), self.areas * _areas(triangles)
+        return PosedPatches(points, normals, areas, self.colors)
 
 
 def points_by_area(areas: Float64, count: int) -> tuple[Index, Float64, Float64]:
@@ -131,15 +122,15 @@ def points_by_area(areas: Float64, count: int) -> tuple[Index, Float64, Float64]
     return at, np.where(over, 1.0 - along, along), np.where(over, 1.0 - aside, aside)
 
 
-def _areas(positions: Float32, corners: Int32) -> Float64:
-    """Areas (T,) of triangles, whose vertices (T, 3) are among some positions (V, 3)."""
-    first, second, third = positions[corners].astype(np.float64).swapaxes(0, 1)
+def _areas(triangles: Float32) -> Float64:
+    """Areas (T,) of triangles (T, 3, 3)."""
+    first, second, third = triangles.astype(np.float64).swapaxes(0, 1)
     return np.asarray(0.5 * np.linalg.norm(np.cross(second - first, third - first), axis=1))
 
 
-def _mixed(values: Float32, corners: Int32, weights: Float64) -> Float64:
-    """Weighted means (P, C) of what vertices (V, C) have."""
-    return np.asarray(np.einsum("pvc,pv->pc", values[corners].astype(np.float64), weights))
+def _mixed(values: Float32, weights: Float64) -> Float64:
+    """Weighted means (P, C) of what the vertices of each triangle have (P, 3, C)."""
+    return np.asarray(np.einsum("pvc,pv->pc", values.astype(np.float64), weights))
 
 
 def _colors(geometry: Geometry, corners: Int32, weights: Float64) -> Float64:
@@ -151,10 +142,10 @@ def _colors(geometry: Geometry, corners: Int32, weights: Float64) -> Float64:
     base = np.array(material.base_color, np.float64)
     colors = np.broadcast_to(base[:3], (len(corners), 3)).copy()
     if geometry.colors is not None:
-        colors *= _mixed(geometry.colors, corners, weights)[:, :3]
+        colors *= _mixed(geometry.colors[corners], weights)[:, :3]
     use = material.base_color_texture
     if use is not None:
-        colors *= _texels(use, _mixed(geometry.uv, corners, weights))
+        colors *= _texels(use, _mixed(geometry.uv[corners], weights))
     return np.clip(colors, 0.0, 1.0) * material.opacity
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TypeVar, cast
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.native import kernels
+from nlens_video.scene.gltf.animation_kernels import normal_matrices
 from nlens_video.scene.gltf.meshes import Geometry, Int32, face_normals
 from nlens_video.scene.gltf.nodes import Skin
 from nlens_video.scene.illumination import PosedLight
@@ -120,6 +122,30 @@ def bounds_of(points: _Points) -> _Points:
     return np.stack([columns.min(axis=1), columns.max(axis=1)])
 
 
+@dataclass(frozen=True, eq=False)
+class Carriers:
+    """All nodes of a file at one moment.
+
+    Attributes:
+        world: their matrices (N, 4, 4).
+    """
+
+    world: Float64
+
+    @cached_property
+    def turns(self) -> tuple[Float64, Bool, Bool]:
+        """Matrices (N, 3, 3) that turn normals; which nodes mirror, which leave any area (N,).
+
+        A scale of 0 along two axes leaves none.
+        """
+        linear = self.world[:, :3, :3]
+        determinants = np.linalg.det(linear)
+        drawn = np.abs(determinants) > _SINGULAR * np.abs(linear).max(axis=(1, 2)) ** 3
+        sizes = np.linalg.svd(linear[~drawn], compute_uv=False)
+        drawn[~drawn] = sizes[:, 1] > _SINGULAR * sizes[:, 0]
+        return normal_matrices(linear), determinants < 0.0, drawn
+
+
 @dataclass(slots=True, eq=False)
 class Instance:
     """A geometry where a node places it.
@@ -160,22 +186,23 @@ class Instance:
         np.add.at(self._carried, joints[held], kept[held])
 
     def place(
-        self, world: Float64, weights: Float64 | None, origin: Float64 | None = None
+        self, carriers: Carriers, weights: Float64 | None, origin: Float64 | None = None
     ) -> PosedMesh:
         """The geometry in the world; the very same object while nothing moves.
 
         Args:
-            world: world matrices of all nodes (N, 4, 4).
+            carriers: the nodes.
             weights: animated morph weights (T,), or None for those of the file.
             origin: as of `PosedScene`.
         """
         amounts = self.weights if weights is None else weights
-        carriers = world[self.node] if self.skin is None else self.skin.matrices(world)
-        key = carriers.tobytes() + amounts.tobytes()
+        world = carriers.world
+        matrices = world[self.node] if self.skin is None else self.skin.matrices(world)
+        key = matrices.tobytes() + amounts.tobytes()
         if origin is not None:
             key += origin.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = (key, self._placed(carriers, amounts, origin))
+            self._last = (key, self._placed(carriers, matrices, amounts, origin))
         return self._last[1]
 
     def boxes(self, weights: Float64 | None) -> tuple[list[int], Float64]:
@@ -224,69 +251,50 @@ class Instance:
                 reach += np.sort(ends, axis=0)
         return reach
 
-    def _placed(self, carriers: Float64, amounts: Float64, origin: Float64 | None) -> PosedMesh:
+    def _placed(
+        self, carriers: Carriers, matrices: Float64, amounts: Float64, origin: Float64 | None
+    ) -> PosedMesh:
         if origin is None:
-            return self._deformed(carriers, amounts)
-        moved = carriers.copy()
+            return self._deformed(carriers, matrices, amounts)
+        moved = matrices.copy()
         moved[..., :3, 3] -= origin
-        near = self._deformed(moved, amounts)
+        near = self._deformed(carriers, moved, amounts)
         return replace(near, positions=(near.positions + origin).astype(np.float32), near=near)
 
-    def _deformed(self, carriers: Float64, amounts: Float64) -> PosedMesh:
+    def _deformed(self, carriers: Carriers, matrices: Float64, amounts: Float64) -> PosedMesh:
+        """By the matrix of its node (4, 4), or by those of its joints (J, 4, 4)."""
         positions, normals = map(np.ascontiguousarray, self._morphed(amounts))
         placed, turned = np.empty_like(positions), np.empty_like(normals)
         if self._influence is None or self._carried is None:
-            linear = carriers[:3, :3]
-            kernels.carry(positions, normals, carriers[:3], _cofactor(linear), placed, turned)
-            determinant = float(np.linalg.det(linear))
-            mirrored, drawn = determinant < 0.0, _keeps_areas(linear, determinant)
+            turners, mirrors, keeps_areas = carriers.turns
+            kernels.carry(positions, normals, matrices[:3], turners[self.node], placed, turned)
+            mirrored, drawn = bool(mirrors[self.node]), bool(keeps_areas[self.node])
         else:
-            matrices = carriers[:, :3, :].reshape(-1, 12).astype(np.float32)
-            kernels.skin(positions, normals, *self._influence, matrices, placed, turned)
+            rows = matrices[:, :3, :].reshape(-1, 12).astype(np.float32)
+            kernels.skin(positions, normals, *self._influence, rows, placed, turned)
             # by sides alone: a joint that is scaled up carries no more of the surface
-            sides = np.sign(np.linalg.det(carriers[:, :3, :3]))
+            sides = np.sign(np.linalg.det(matrices[:, :3, :3]))
             mirrored = bool(sides @ self._carried < 0.0)
-            drawn = not _in_one_point(carriers[self._carried > 0.0])
+            drawn = not _in_one_point(matrices[self._carried > 0.0])
         if self.geometry.flat and (self._influence is not None or len(amounts)):
             turned = np.repeat(face_normals(placed, self.geometry.faces), 3, axis=0)
             turned = -turned if mirrored else turned
         return PosedMesh(self.geometry, placed, turned, mirrored, drawn)
 
     def _morphed(self, weights: Float64) -> tuple[Float32, Float32]:
-        active = np.flatnonzero(weights)
+        own, active = self.geometry, weights.nonzero()[0]
+        if not len(active):
+            return own.positions, own.normals
         amounts = weights[active].astype(np.float32)
 
         def morphed(rest: Float32, targets: Float32 | None) -> Float32:
-            if targets is None or not len(active):
+            if targets is None:
                 return rest
             return np.asarray(rest + np.tensordot(amounts, targets[active], axes=1))
 
-        own = self.geometry
         return morphed(own.positions, own.targets), morphed(own.normals, own.target_normals)
 
 
-def _keeps_areas(linear: Float64, determinant: float) -> bool:
-    """Whether a matrix (3, 3) leaves any area, as one scaled to 0 along two axes does not."""
-    if abs(determinant) > _SINGULAR * float(np.abs(linear).max()) ** 3:
-        return True
-    sizes = np.linalg.svd(linear, compute_uv=False)
-    return bool(sizes[1] > _SINGULAR * sizes[0])
-
-
-def _in_one_point(carriers: Float64) -> bool:
+def _in_one_point(joints: Float64) -> bool:
     """Whether joints (J, 4, 4) carry all they hold to the same point."""
-    return not carriers[:, :3, :3].any() and bool((carriers == carriers[:1]).all())
-
-
-def _cofactor(linear: Float64) -> Float64:
-    """What turns normals (3, 3): the inverse transpose, up to scale, also of a singular matrix.
-
-    Scaled to unit size so that it neither overflows nor vanishes in float32; a mirroring matrix
-    keeps its sign, so that normals still point out of the surface.
-    """
-    size = float(np.abs(linear).max())
-    a, b, c = linear / size if size > 0.0 else np.eye(3)
-    cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    sign = -1.0 if float(np.dot(a, cofactor[0])) < 0.0 else 1.0
-    largest = float(np.abs(cofactor).max())
-    return np.asarray(cofactor * (sign / largest) if largest > 0.0 else np.eye(3))
+    return not joints[:, :3, :3].any() and bool((joints == joints[:1]).all())

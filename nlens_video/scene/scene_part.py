@@ -20,7 +20,7 @@ from nlens_video.scene.gltf.meshes import WITHOUT_NORMALS, TriangleMesh
 from nlens_video.scene.gltf.nodes import Hierarchy, Skin
 from nlens_video.scene.illumination import Light, PosedLight, pose_light
 from nlens_video.scene.object_motion import ObjectMotion
-from nlens_video.scene.posed import Instance, PosedMesh
+from nlens_video.scene.posed import Carriers, Instance, PosedMesh
 
 # A small file can place one mesh thousands of times; beyond this no frame would ever be drawn.
 MAX_VERTICES = 5_000_000
@@ -147,8 +147,8 @@ class ScenePart:
 
     def meshes(self, moved: Moved, origin: Float64 | None = None) -> tuple[PosedMesh, ...]:
         """Its primitives as `moved` has them; `origin` is that of `PosedScene`."""
-        world, weights = moved
-        return tuple(one.place(world, weights.get(one.node), origin) for one in self.instances)
+        carriers, weights = Carriers(moved[0]), moved[1]
+        return tuple(one.place(carriers, weights.get(one.node), origin) for one in self.instances)
 
     def posed_lights(self, moment: Moment) -> tuple[PosedLight, ...]:
         """Its lights at a moment; the very same objects where none of them ever moves.

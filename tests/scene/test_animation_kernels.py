@@ -88,3 +88,32 @@ def test_infinite_and_nan_transforms_propagate(factor):
     none = np.zeros(2, bool)
     animation_kernels.multiply(local, np.array([[0, -1], [1, 0]]), np.empty((2, 4, 4)), none, world)
     assert not np.isfinite(world).all()
+
+
+@settings(max_examples=200)
+@given(seed=st.integers(0, 10_000), size=st.sampled_from([1e-18, 1.0, 1e18]), count=KEYS)
+def test_normal_matrices_keep_normals_across_their_surface_and_on_its_outer_side(seed, size, count):
+    rng = np.random.default_rng(seed)
+    linear = size * rng.normal(size=(count, 3, 3))
+    turners = animation_kernels.normal_matrices(linear)
+    for own, turner in zip(linear, turners, strict=True):
+        first, second, third = rng.normal(size=(3, 3))
+        normal = turner @ np.cross(first, second)
+        sides = np.stack([own @ first, own @ second]) / size
+        np.testing.assert_allclose(sides @ normal, 0.0, atol=1e-9)
+        outer = np.cross(first, second) @ third > 0.0
+        assert (own @ third @ normal > 0.0) == outer
+        assert np.abs(turner).max() == pytest.approx(1.0)
+
+
+def test_normal_matrix_of_each_of_many_is_that_of_it_alone_also_where_it_flattens():
+    rng = np.random.default_rng(3)
+    scales = rng.normal(size=(300, 3)) * (rng.random((300, 3)) > 0.3)
+    linear = np.linalg.qr(rng.normal(size=(300, 3, 3)))[0] * scales[:, None]
+    together = animation_kernels.normal_matrices(linear)
+    alone = [animation_kernels.normal_matrices(one[None])[0] for one in linear]
+    np.testing.assert_array_equal(together, alone)
+    nothing = animation_kernels.normal_matrices(np.zeros((1, 3, 3)))
+    np.testing.assert_array_equal(nothing[0], np.eye(3))
+    flat = animation_kernels.normal_matrices(np.diag([2.0, 3.0, 0.0])[None])
+    np.testing.assert_array_equal(flat[0], np.diag([0.0, 0.0, 1.0]))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.calls import calls_of
 from support.glb_builder import QUAD, QUAD_UV, GlbBuilder
 
 from nlens_video.scene import Scene
@@ -133,3 +134,12 @@ def test_color_of_a_large_texture_is_that_around_the_patch(tmp_path):
     low = found.points[:, 1] < -0.05  # the lower half of the picture lies there
     np.testing.assert_allclose(found.colors[low][:, 0], 1.0, atol=0.02)
     np.testing.assert_allclose(found.colors[found.points[:, 1] > 0.05], 0.0, atol=0.02)
+
+
+def test_mesh_more_costs_the_patches_few_calls(tmp_path):
+    def calls(count):
+        posed = scene_of(tmp_path, sizes=[1.0] * count)
+        patches = Patches.of(posed)
+        return calls_of(lambda: patches.at(posed))
+
+    assert calls(40) - calls(20) <= 20 * 8

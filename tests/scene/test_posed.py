@@ -6,6 +6,7 @@ from operator import is_
 
 import numpy as np
 import pytest
+from support.calls import calls_of
 from support.glb_builder import QUAD, GlbBuilder
 
 from nlens_video.core.errors import SceneError
@@ -236,3 +237,20 @@ def test_scene_without_skins_does_not_import_sparse_matrices(tmp_path):
     command = [sys.executable, "-c", code, str(path)]
     run = subprocess.run(command, capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"
+
+
+@pytest.mark.parametrize("parts", ["moving", "resting"])
+def test_part_more_costs_a_pose_few_calls(tmp_path, parts):
+    """What NumPy does part by part takes longer than their vertices, where parts are many."""
+
+    def calls(count):
+        builder = GlbBuilder()
+        mesh = builder.mesh()
+        nodes = [builder.node(mesh=mesh, translation=[n, 0, 0]) for n in range(count)]
+        whole = builder.node(mesh=mesh, children=nodes if parts == "moving" else [])
+        builder.animation((whole, "translation", [0, 1], [[0, 0, 0], [1, 0, 0]], "LINEAR"))
+        scene = load(builder, tmp_path)
+        scene.pose(0.0)
+        return calls_of(lambda: scene.pose(0.5))
+
+    assert calls(40) - calls(20) <= 20 * {"moving": 30, "resting": 10}[parts]

@@ -1,8 +1,8 @@
-"""Node animation: keyframe tracks sampled at one time, and world matrices composed.
+"""Node animation: keyframe tracks sampled at one time, world matrices composed, normals turned.
 
-Two calls for all nodes; NumPy takes ten times as long, on every frame, also while the object is out
-of view. Below the kernels stands their NumPy reference, one track and node at a time: glTF 2.0,
-section 3.11 and appendix C.
+One call each for all nodes; node by node in NumPy each takes ten times as long, on every frame,
+also while the object is out of view. Below stands a NumPy reference of the kernels, one track and
+node at a time: glTF 2.0, section 3.11 and appendix C.
 """
 
 from __future__ import annotations
@@ -49,6 +49,33 @@ def multiply(
         world: what is filled in.
     """
     kernels.multiply_nodes(local, order, matrices, has_matrix, world)
+
+
+def normal_matrices(linear: Float64) -> Float64:
+    """What turns normals (N, 3, 3) of surfaces that matrices (N, 3, 3) move.
+
+    These are the inverse transposes, up to scale, also of singular matrices. They are scaled to
+    unit size so that they neither overflow nor vanish in float32; that of a mirroring matrix keeps
+    its sign, so that normals still point out of the surface.
+    """
+    rows, sizes = _or_identity(linear)
+    rows = rows / sizes
+    (a, b, c), (d, e, f), (g, h, i) = rows.transpose(1, 2, 0)
+    cofactors = np.stack([
+        np.stack([e * i - f * h, f * g - d * i, d * h - e * g], axis=1),
+        np.stack([h * c - i * b, i * a - g * c, g * b - h * a], axis=1),
+        np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1),
+    ], axis=1)  # fmt: skip
+    mirrors = np.vecdot(rows[:, 0], cofactors[:, 0]) < 0.0
+    turners, sizes = _or_identity(cofactors)
+    return np.asarray(turners * (np.where(mirrors, -1.0, 1.0)[:, None, None] / sizes))
+
+
+def _or_identity(matrices: Float64) -> tuple[Float64, Float64]:
+    """Matrices (N, 3, 3), the identity where one is 0, and the size of each (N, 1, 1)."""
+    sizes = np.abs(matrices).max(axis=(1, 2), keepdims=True)
+    none = sizes == 0.0
+    return np.where(none, np.eye(3), matrices), np.where(none, 1.0, sizes)
 
 
 def sample_ref(
