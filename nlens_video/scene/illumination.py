@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -12,6 +13,7 @@ from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
 from nlens_video.scene.gltf.document import Document
 from nlens_video.scene.gltf.fields import Fields
+from nlens_video.scene.object_motion import turned_about_up
 from nlens_video.scene.surround import Surround
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -49,6 +51,11 @@ class Light:
     range: float | None = None
     inner_cone: float = 0.0
     outer_cone: float = math.pi / 4.0
+
+    @property
+    def rgb(self) -> Float64:
+        """Intensity in each channel (3,)."""
+        return np.array(self.color) * self.intensity
 
     def scaled(self, gain: float) -> Light:
         """The same light, so many times as bright."""
@@ -189,8 +196,7 @@ class Illumination:
     def level(self) -> float:
         """Luminous irradiance, averaged over surfaces of all directions, by distant light [1]."""
         around = 0.0 if self.ambient is None else math.pi * float(self.ambient[0] @ LUMINANCE)
-        lights = (lamp.posed.light for lamp in self.lamps)
-        far = (light for light in lights if light.kind == "directional")
+        far = (one.posed.light for one in self.lamps if one.posed.light.kind == "directional")
         return around + sum(0.25 * one.intensity * float(one.color @ LUMINANCE) for one in far)
 
     def irradiance_around(self, normal: Float64) -> Float64:
@@ -209,9 +215,7 @@ def polynomial(directions: Float64) -> Float64:
 
 def hemispheres(sky: Float64, ground: Float64) -> Float64:
     """Ambient light (9, 3) between a sky (3,) on normals up and a ground (3,) on normals down."""
-    ambient = np.zeros((9, 3))
-    ambient[0], ambient[1] = 0.5 * (sky + ground), 0.5 * (sky - ground)
-    return ambient
+    return np.stack([0.5 * (sky + ground), 0.5 * (sky - ground), *np.zeros((7, 3))])
 
 
 def sun(irradiance: Float64, direction: Float64) -> PosedLight:
@@ -261,40 +265,36 @@ def _in_cone(light: Light, cosine: Float64) -> Float64:
     return np.asarray(np.clip((cosine - outer) / max(1e-3, inner - outer), 0.0, 1.0) ** 2)
 
 
-def turned_about_up(vectors: Float64, turns: Float64) -> Float64:
-    """Vectors turned about the vertical, counterclockwise from above (N, 3).
-
-    Args:
-        vectors: one (3,), turned by all angles, or as many as angles (N, 3).
-        turns: (N,) [rad].
-    """
-    cosine, sine = np.cos(turns), np.sin(turns)
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    return np.stack(np.broadcast_arrays(cosine * x + sine * z, y, cosine * z - sine * x), axis=-1)
-
-
 def from_lamp(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
-    """Irradiance (..., 3) of points (..., 3) by a lamp, as if nothing hid it.
+    """Irradiance (..., 3) of points (..., 3) by a lamp; the arguments are as of `strength_at`."""
+    given = strength_at(lamp, ground, normal)[..., None] * lamp.posed.light.rgb
+    return np.broadcast_to(given, ground.shape)
 
-    Args:
-        lamp: the lamp.
-        ground: the points [scene unit].
-        normal: unit normals of their surface (3,) or (..., 3); by default that of the ground.
+
+def strength_at(lamp: Lamp, ground: Float64, normal: Float64 = _UP) -> Float64:
+    """Irradiance of points (..., 3) by a lamp of intensity 1, as if nothing hid it: (...).
+
+    It is one number where all have the same. Their surface has unit normals (3,) or (..., 3), by
+    default that of the ground.
     """
     light, direction = lamp.posed.light, lamp.posed.direction
-    color = np.array(light.color) * light.intensity
     if light.kind == "directional":
-        facing = np.maximum(0.0, -(normal @ direction))
+        turned = [direction]
         if lamp.turns is not None:
-            turned = turned_about_up(direction, lamp.turns[::_EVERY_TURN])
-            facing = np.mean([np.maximum(0.0, -(normal @ one)) for one in turned], axis=0)
-        return np.broadcast_to(color * facing[..., None], ground.shape)
-    toward = lamp.posed.position - ground
-    distance2 = np.maximum((toward**2).sum(axis=-1), np.finfo(np.float64).tiny)
-    unit = toward / np.sqrt(distance2)[..., None]
-    strength = np.maximum((unit * normal).sum(axis=-1), 0.0) / distance2
+            turned = [*turned_about_up(direction, lamp.turns[::_EVERY_TURN])]
+        return np.asarray(np.mean([np.maximum(0.0, -(normal @ one)) for one in turned], axis=0))
+    toward = [place - ground[..., axis] for axis, place in enumerate(lamp.posed.position)]
+    squared = np.maximum(_dot(toward, toward), np.finfo(np.float64).tiny)
+    distance = np.sqrt(squared)
+    facing = _dot(toward, [normal[..., axis] for axis in range(3)]) / distance
+    found = np.maximum(facing, 0.0) / squared
     if light.range is not None:
-        strength = strength * np.clip(1.0 - (distance2 / light.range**2) ** 2, 0.0, 1.0)
+        found = found * np.clip(1.0 - (squared / light.range**2) ** 2, 0.0, 1.0)
     if light.kind == "spot":
-        strength = strength * _in_cone(light, unit @ -direction)
-    return np.asarray(strength[..., None] * color)
+        found = found * _in_cone(light, _dot(toward, -direction) / distance)
+    return found
+
+
+def _dot(one: Sequence[Float64], other: Sequence[Float64] | Float64) -> Float64:
+    """Dot products (...) of vectors (3, ...): NumPy is slow along a last axis of three."""
+    return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])

@@ -1,4 +1,4 @@
-"""How one of several objects stands and moves in the world that they share."""
+"""How one of several objects stands and moves in the world that they share; turns about up."""
 
 from __future__ import annotations
 
@@ -131,3 +131,15 @@ def turn_about_up(angle: float) -> Float64:
     """The rotation (3, 3) about the vertical, counter-clockwise seen from above [rad]."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def turned_about_up(vectors: Float64, turns: Float64) -> Float64:
+    """Vectors turned about the vertical, counterclockwise from above (N, 3).
+
+    Args:
+        vectors: one (3,), turned by all angles, or as many as angles (N, 3).
+        turns: (N,) [rad].
+    """
+    cosine, sine = np.cos(turns), np.sin(turns)
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack(np.broadcast_arrays(cosine * x + sine * z, y, cosine * z - sine * x), axis=-1)

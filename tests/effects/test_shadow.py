@@ -1,6 +1,8 @@
 """Ground shadow: position, density, blur and reach against hand-worked values."""
 
+import itertools
 import math
+import tracemalloc
 from dataclasses import replace
 
 import cv2
@@ -22,7 +24,7 @@ from nlens_video.effects.shadow.ambient import (
 )
 from nlens_video.effects.shadow.apply import ApplyShadow, Grid, Shadow
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
-from nlens_video.effects.shadow.cast import CastShadow
+from nlens_video.effects.shadow.cast import BLACKEST, CastShadow
 from nlens_video.effects.shadow.casters import (
     CasterCache,
     Casters,
@@ -42,8 +44,8 @@ from nlens_video.scene.illumination import (
     from_lamp,
     hemispheres,
     sun,
-    turned_about_up,
 )
+from nlens_video.scene.object_motion import turned_about_up
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.l_reblur import ReblurLayer
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -188,6 +190,61 @@ def test_point_light_magnifies_the_shadow():
     assert from_lamp(Lamp(posed), at) == pytest.approx(GREY / 4.0)
     aside = np.array([2.0, 0.0, 0.0])
     assert from_lamp(Lamp(posed), aside) == pytest.approx(GREY * math.sqrt(0.5) / 8.0)
+
+
+def lamp_at(*place, kind="point", color=(1.0, 1.0, 1.0), reach=None):
+    """A lamp of an intensity of 3 that shines down."""
+    light = Light(kind=kind, color=color, intensity=3.0, range=reach, outer_cone=1.0)
+    return Lamp(PosedLight(light, np.array(place), np.array([0.0, -1.0, 0.0])), 1e-6)
+
+
+def given_by(lamp, x, z):
+    """Irradiance of a point of the ground by a lamp, as glTF defines it: (3,)."""
+    light = lamp.posed.light
+    across, height, along = (float(one) for one in lamp.posed.position - (x, 0.0, z))
+    distance = math.sqrt(across**2 + height**2 + along**2)
+    cosine = height / distance
+    found = cosine / distance**2
+    if light.range is not None:
+        found *= min(max(1.0 - (distance / light.range) ** 4, 0.0), 1.0)
+    if light.kind == "spot":
+        found *= min(max((cosine - math.cos(1.0)) / (1.0 - math.cos(1.0)), 0.0), 1.0) ** 2
+    return found * light.intensity * np.array(light.color)
+
+
+def test_each_of_many_lamps_is_lost_where_its_own_shadow_falls():
+    lamps = (
+        lamp_at(-1.5, 2.0, 0.3), lamp_at(1.0, 2.5, -1.0, color=(1.0, 0.5, 0.2)),
+        lamp_at(0.2, 1.8, 0.0, kind="spot"), lamp_at(2.0, 3.0, 1.0, reach=4.5),
+    )  # fmt: skip
+    found = loss(cast(Illumination(lamps, np.zeros((9, 3)))))
+    alone = np.array([loss(cast(Illumination((one,), np.zeros((9, 3)))))[..., 0] for one in lamps])
+    shares = np.where(alone < BLACKEST, alone, 1.0)  # alone, a lamp is all that is lost
+    ground = looking_down().plane_points(0.0)
+    for row, column in itertools.product(range(0, HEIGHT, 7), range(0, WIDTH, 7)):
+        x, _, z = ground[row, column]
+        each = np.array([given_by(one, x, z) for one in lamps])
+        expected = np.minimum(shares[:, row, column] @ each / each.sum(axis=0), BLACKEST)
+        np.testing.assert_allclose(found[row, column], expected, rtol=1e-5, atol=1e-6)
+    assert (shares.max(axis=(1, 2)) == 1.0).all()
+
+
+def test_lamps_share_what_a_shadow_takes_of_memory():
+    """Of each more lamp there is the blocked share at each pixel, not the light in each channel."""
+
+    def most(count):
+        lamps = tuple(lamp_at(0.01 * n, 1.2, 0.0) for n in range(count))
+        light = Illumination(lamps, np.zeros((9, 3)))
+        tracemalloc.start()
+        pixels = cast(light, lamp_points=1, threads=1).loss[..., 0].size
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak, pixels
+
+    few, pixels = most(4)
+    many, _ = most(24)
+    assert pixels > 10_000
+    assert many - few < 20 * 12 * pixels
 
 
 def test_missing_ambient_light_is_assumed_to_make_the_total_white():

@@ -7,6 +7,7 @@ leaves it: surfaces near the ground look into each other and into their own shad
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,13 +16,29 @@ from nlens_video.native import kernels
 from nlens_video.scene.illumination import (
     LUMINANCE,
     Illumination,
+    Lamp,
     from_lamp,
     polynomial,
     reaches,
+    strength_at,
 )
 from nlens_video.scene.patches import PosedPatches
 
 _SENT = 0.6  # of the light that its colour leaves: surfaces hide lamps and ground from each other
+_AT_ONCE = 32768  # points of the ground, whose numbers stay in a processor's cache
+
+
+def irradiance(lamps: Sequence[Lamp], ground: Float64, around: Float64) -> Float64:
+    """Irradiance (3, h, w) of points of the ground (h, w, 3) by lamps, and from around (3,)."""
+    points = np.asfortranarray(ground.reshape(-1, 3))
+    found = np.repeat(around[:, None], len(points), axis=1)
+    for first in range(0, len(points), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        for lamp in lamps:
+            strength = strength_at(lamp, points[some])
+            for channel, color in zip(found, lamp.posed.light.rgb, strict=True):
+                channel[some] += color * strength
+    return found.reshape(3, *ground.shape[:2])
 
 
 def sent_light(

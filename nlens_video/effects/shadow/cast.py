@@ -10,9 +10,10 @@ finer than that blur lets through.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from itertools import zip_longest
 
 import cv2
 import numpy as np
@@ -27,12 +28,12 @@ from nlens_video.effects.shadow.ambient import (
 )
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
-from nlens_video.effects.shadow.bounce import bounce, sent_light
+from nlens_video.effects.shadow.bounce import bounce, irradiance, sent_light
 from nlens_video.effects.shadow.casters import Casters, Moment, Occluder, project_along_light
 from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
-from nlens_video.scene.illumination import Illumination, Lamp, from_lamp, reaches
+from nlens_video.scene.illumination import Illumination, Lamp, reaches, strength_at
 from nlens_video.scene.patches import PosedPatches
 
 _COARSE = 4  # contact darkening and shadows of unsure lamps are smooth: step of their grid [px]
@@ -124,7 +125,7 @@ class CastShadow:
             return None
         grid = Grid.on(inner, step)
         view = grid.view(camera)
-        loss = self._loss(light, ambient, [one.on(grid) for one in shares], view, ground_y)
+        loss = self._loss(light, ambient, (one.on(grid) for one in shares), view, ground_y)
         if patches is not None and len(patches.points):
             loss = self._less_bounce(loss, grid, light, ambient, patches, camera, ground_y)
         disparity = view.plane_disparity(ground_y).astype(np.float32)
@@ -133,21 +134,26 @@ class CastShadow:
         return Shadow(box=grid.box, loss=loss, coc_px=coc, step=step)
 
     def _loss(
-        self, light: Illumination, ambient: Float64, shares: list[Float32], view: Camera,
+        self, light: Illumination, ambient: Float64, shares: Iterable[Float32], view: Camera,
         ground_y: float,
     ) -> Float32:  # fmt: skip
         """Share of the light in each channel that is lost (h, w, 3), up to the horizon [1]."""
-        given = _from_lamps(light, view, ground_y)
-        total = sum(given, ambient)
-        if ambient.any():
-            given.append(light.contact * ambient)
+        lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
+        ground = _lit_points(lamps, view, ground_y)
+        total = irradiance(lamps, ground, ambient)
+        total[~(total > 0.0)] = np.inf  # of no light none is lost
         # channel by channel, so that each pass runs along memory
         losses = np.zeros((3, view.height, view.width), np.float32)
-        for one, share in zip(given, shares, strict=True):
-            part = np.divide(one, total, out=np.zeros_like(total), where=total > 0.0)
-            part = (self.strength * part).astype(np.float32)
-            for channel in range(3):
-                losses[channel] += part[..., channel] * share
+        for lamp, share in zip_longest(lamps, shares):  # the last one is of the light from around
+            box = Box.of(share > 0.0)
+            part = slice(box.y0, box.y1), slice(box.x0, box.x1)
+            here = part if ground.size > 3 else (slice(None), slice(None))
+            given, colors = np.ones(()), light.contact * ambient
+            if lamp is not None:
+                given, colors = strength_at(lamp, ground[here]), lamp.posed.light.rgb
+            for loss, whole, color in zip(losses, total, colors, strict=True):
+                lost = self.strength * (given * color / whole[here])
+                loss[part] += lost.astype(np.float32) * share[part]
         np.minimum(losses, np.float32(BLACKEST), out=losses)
         return np.asarray(cv2.merge(list(losses)), dtype=np.float32)
 
@@ -160,7 +166,8 @@ class CastShadow:
         sent = sent_light(patches, light, ambient, ground_y, _at(loss, grid.view(camera), feet))
         coarse = Grid.on(grid.box, max(grid.step, _COARSE))
         view = coarse.view(camera)
-        total = sum(_from_lamps(light, view, ground_y), ambient)
+        lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
+        total = irradiance(lamps, _lit_points(lamps, view, ground_y), ambient).transpose(1, 2, 0)
         known = light.contact >= 1.0
         gain = bounce(patches, sent, view.plane_points(ground_y), total, level_known=known)
         size = coarse.box.width // grid.step, coarse.box.height // grid.step
@@ -205,12 +212,10 @@ class _Share:
         return out
 
 
-def _from_lamps(light: Illumination, view: Camera, ground_y: float) -> list[Float64]:
-    """Irradiance of the ground by each lamp above it: (3,), or (h, w, 3) where one is near."""
-    lamps = [lamp for lamp in light.lamps if reaches(lamp, ground_y)]
+def _lit_points(lamps: Sequence[Lamp], view: Camera, ground_y: float) -> Float64:
+    """Points of the ground at pixels (h, w, 3); one for all (1, 1, 3) where lamps are distant."""
     near = any(lamp.posed.light.kind != "directional" for lamp in lamps)
-    ground = view.plane_points(ground_y) if near else np.zeros(3)
-    return [from_lamp(lamp, ground) for lamp in lamps]
+    return view.plane_points(ground_y) if near else np.zeros((1, 1, 3))
 
 
 def _at(loss: Float32, view: Camera, ground: Float64) -> Float32:

@@ -9,7 +9,8 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 from nlens_video.effects.shadow.ambient import hemisphere, hemisphere_spacing
-from nlens_video.scene.illumination import Lamp, turned_about_up
+from nlens_video.scene.illumination import Lamp
+from nlens_video.scene.object_motion import turned_about_up
 from nlens_video.scene.patches import R2
 
 _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
