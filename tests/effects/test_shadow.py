@@ -31,9 +31,9 @@ from nlens_video.effects.shadow.casters import (
     ClippedMesh,
     Moment,
     Occluder,
-    project_along_light,
 )
 from nlens_video.effects.shadow.coverage import PER_PIXEL, covered_reference, edges_of
+from nlens_video.effects.shadow.light_samples import project_along_light
 from nlens_video.kernels.scatter.scatter import blur_reach, scatter
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import (

@@ -1,9 +1,13 @@
 """Shadows of transparent and of static objects: alpha masks, blended panes, reuse over frames."""
 
+import tracemalloc
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.calls import calls_of
 from support.glb_builder import QUAD_FACES, GlbBuilder
 from support.overhead import HEIGHT, WIDTH, looking_down
 
@@ -12,6 +16,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.objects import Playback
 from nlens_video.core.optics import Shutter
 from nlens_video.effects.motion_blur import Motion
+from nlens_video.effects.shadow.ambient import pattern_level
 from nlens_video.effects.shadow.cast import CastShadow
 from nlens_video.effects.shadow.casters import CasterCache, Casters, Moment
 from nlens_video.effects.shadow.coverage import covered_reference, edges_of, mark_covered
@@ -27,7 +32,7 @@ from nlens_video.graph.nodes.ground import (
     equal_values,
 )
 from nlens_video.scene import Scene
-from nlens_video.scene.illumination import Illumination, Lamp, sun
+from nlens_video.scene.illumination import Illumination, Lamp, Light, PosedLight, sun
 from nlens_video.scene.scene_light import SceneLight
 from nlens_video.video.exr import LINEAR
 from nlens_video.video.pixels.picture import ArrayPicture
@@ -98,6 +103,67 @@ def test_blended_panes_absorb_by_their_alpha_and_multiply(tmp_path):
     assert one[45:75, 83:97] == pytest.approx(0.8, abs=1e-3)
     two = loss_under(card(tmp_path / "b.glb", "BLEND", factor=0.4, layers=2))
     assert two[45:75, 63:97] == pytest.approx(1 - 0.6**2, abs=1e-3)
+
+
+def lamp_at(height):
+    """A point light above the cards."""
+    light = Light(kind="point", color=(1.0, 1.0, 1.0), intensity=1.0)
+    posed = PosedLight(light, np.array([0.3, height, 0.1]), np.array([0.0, -1.0, 0.0]))
+    return Illumination((Lamp(posed),), np.zeros((9, 3)))
+
+
+@pytest.mark.parametrize("light", [NOON, lamp_at(4.0), lamp_at(1.3)], ids=["sun", "high", "amid"])
+@pytest.mark.parametrize("mode", ["MASK", "BLEND"])
+def test_panes_drawn_together_cast_the_shadow_of_each_drawn_alone(tmp_path, mode, light):
+    alpha = np.random.default_rng(2).integers(0, 256, (16, 16), np.uint8)
+    scene = card(tmp_path / "a.glb", mode, alpha=alpha, factor=0.9, layers=4)
+    together = Casters.of(scene.pose(0.0), CasterCache())
+    each = [replace(one, opacity=replace(one.opacity)) for one in together.transparent]
+    shadows = [
+        CastShadow()([Moment(casters, looking_down())], light, 0.0, None)
+        for casters in (together, replace(together, transparent=tuple(each)))
+    ]
+    assert len({one.opacity for one in together.transparent}) == 1
+    assert shadows[0].box == shadows[1].box and shadows[0].loss.max() > 0.5
+    np.testing.assert_array_equal(shadows[0].loss, shadows[1].loss)
+
+
+def test_pane_more_costs_a_shadow_few_calls(tmp_path):
+    def calls(count):
+        scene = card(tmp_path / "a.glb", "BLEND", factor=0.4, layers=count)
+        casters = Casters.of(scene.pose(0.0), CasterCache())
+        cast = CastShadow(threads=1)
+        return calls_of(lambda: cast([Moment(casters, looking_down())], NOON, 0.0, None))
+
+    assert calls(40) - calls(20) <= 20 * 60
+
+
+def test_surfaces_of_one_picture_share_its_opacity(tmp_path):
+    builder = GlbBuilder()
+    rgba = np.full((8, 8, 4), 100, np.uint8)
+    picture = {"baseColorTexture": {"index": builder.texture(rgba)}}
+    for color in (1.0, 0.5):
+        chosen = {"pbrMetallicRoughness": {**picture, "baseColorFactor": [color, 1, 1, 1]}}
+        paint = builder.add("materials", {**chosen, "alphaMode": "BLEND"})
+        builder.node(mesh=builder.mesh(CARD, QUAD_FACES, material=paint, TEXCOORD_0=UV))
+    posed = Scene.load(builder.write(tmp_path / "a.glb"), Playback()).pose(0.0)
+    first, second = Casters.of(posed, CasterCache()).transparent
+    assert first.opacity is second.opacity
+
+
+def test_distance_to_many_casters_takes_a_bounded_memory():
+    rng = np.random.default_rng(4)
+    ground = rng.normal(size=(40, 50, 3)).astype(np.float32)
+    points = rng.normal(size=(5000, 3)) + (0.0, 4.0, 0.0)
+    tracemalloc.start()
+    found = pattern_level(ground, np.full((40, 50), 0.1), points, 400.0, 0.1)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 8e6
+    some = ground[::13, ::7].astype(np.float64)
+    nearest = np.linalg.norm(some[:, :, None] - points, axis=-1).min(axis=-1)
+    expected = np.log2(nearest * 0.1 * 0.5 * 0.1 * 400.0 / 0.7).clip(-1.0, 5.999) + 1.0
+    np.testing.assert_allclose(found[::13, ::7], expected, atol=1e-3)
 
 
 def test_vertex_and_material_alpha_scale_the_absorption(tmp_path):

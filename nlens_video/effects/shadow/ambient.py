@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.thread_pool import bands
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.gltf.meshes import Int32
 from nlens_video.scene.illumination import LUMINANCE, Illumination, from_lamp, polynomial
@@ -20,6 +21,7 @@ _LOWEST = 0.93  # squared sine off the vertical beyond which ambient light is ne
 _RINGS, _SECTORS = 32, 64  # of equal weight under an even sky
 _POINTS = 128  # of the casters' surface, to which the distance of the ground is measured
 _EVERY = 4  # the distance is measured on every so many pixels each way
+_AT_ONCE, _FEWEST = 1 << 18, 16  # distances that are measured at once; and places, at least
 _FINEST_PX = 0.7  # standard deviation below which nothing is smoothed
 _LEVELS = 7
 _COARSE_PX = 4.0  # least standard deviation for which pixels may be coarser
@@ -176,8 +178,14 @@ def pattern_level(
         spacing: of the directions that the light comes from [rad].
     """
     ground, there = surface.reshape(-1, 3), points.astype(np.float32)
-    squared = (there * there).sum(axis=1) - 2.0 * (ground @ there.T)
-    nearest = squared.min(axis=1) + (ground * ground).sum(axis=1)
+    squared, twice = (there * there).sum(axis=1), -2.0 * there.T
+    nearest = (ground * ground).sum(axis=1)
+    # few places at a time, so that their distances to all points stay in a processor's cache
+    for band in bands(len(ground), max(_FEWEST, _AT_ONCE // max(len(points), 1))):
+        rows = slice(*band)
+        between = ground[rows] @ twice
+        between += squared
+        nearest[rows] += between.min(axis=1)
     sigma = np.sqrt(np.maximum(nearest, 0.0)).reshape(disparity.shape) * disparity
     sigma *= 0.5 * spacing * focal_px / _FINEST_PX
     level = np.log2(np.maximum(sigma, 0.5)).clip(-1.0, _LEVELS - 1.001) + 1.0

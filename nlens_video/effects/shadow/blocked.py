@@ -11,9 +11,10 @@ import numpy as np
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.effects.shadow.apply import Grid
-from nlens_video.effects.shadow.casters import ClippedMesh, Occluder, project_along_light
+from nlens_video.effects.shadow.casters import ClippedMesh, Occluder
 from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, Projection, mark_covered
-from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.effects.shadow.light_samples import project_along_light
+from nlens_video.effects.shadow.transparency import absorb_veils, no_absorption
 from nlens_video.kernels.thread_pool import parallel_for
 from nlens_video.scene.patches import R2
 
@@ -172,12 +173,10 @@ def _counts(part: _Part) -> dict[int, Float32 | Bits]:
     for (query, n), light, (bit, matrix, at) in zip(
         part.samples, part.lights, projections, strict=True
     ):
-        for whole, opacity in occluder.transparent:
-            mesh = whole if light[3] == 0.0 else whole.below(light[1])
-            points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
-            surface = np.ascontiguousarray(mesh.vertices[:, 3:])
-            texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
-            absorb(absorptions[query], (bits, bit), points, surface, mesh.faces, texture, n + 1, at)
+        veils = occluder.veils
+        if light[3] > 0.0:
+            veils = tuple((mesh.below(light[1]), opacity) for mesh, opacity in veils)
+        absorb_veils(absorptions[query], (bits, bit), veils, matrix, n + 1, at)
     return {
         query: count.astype(np.float32) + absorptions[query].taken
         for query, count in opaque.items()

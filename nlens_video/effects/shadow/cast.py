@@ -29,8 +29,12 @@ from nlens_video.effects.shadow.ambient import (
 from nlens_video.effects.shadow.apply import Grid, Shadow, enlarged, ground_blur, pixels_of, scaled
 from nlens_video.effects.shadow.blocked import Query, hidden_shares, reached
 from nlens_video.effects.shadow.bounce import bounce, irradiance, sent_light
-from nlens_video.effects.shadow.casters import Casters, Moment, Occluder, project_along_light
-from nlens_video.effects.shadow.light_samples import LightSamples, lamp_points
+from nlens_video.effects.shadow.casters import Casters, Moment, Occluder
+from nlens_video.effects.shadow.light_samples import (
+    LightSamples,
+    lamp_points,
+    project_along_light,
+)
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Illumination, Lamp, reaches, strength_at

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -17,6 +19,7 @@ from nlens_video.scene.welding import welded_faces
 
 _GRAZES = 1e-3  # depth below the plane, by the height above it, that is not seen: raising is quick
 _NO_EDGES = np.zeros((0, 4), np.int32)
+_TOGETHER = 4096  # vertices of transparent meshes that are drawn at once: they stay in a cache
 
 
 @dataclass(slots=True, eq=False)
@@ -137,7 +140,7 @@ class FrameCasters:
     camera: Camera
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ClippedMesh:
     """Triangles, all of them on one side of a horizontal plane.
 
@@ -160,6 +163,26 @@ class ClippedMesh:
             np.maximum(vertices[:, 1], height, out=vertices[:, 1])
             above = vertices[:, 1] - height
         return cls(vertices=vertices, faces=faces, edges=edges)._clipped(above)
+
+    @classmethod
+    def joined(cls, meshes: Sequence[ClippedMesh]) -> ClippedMesh:
+        """The triangles of all, in their order, without edges; the same object for a single one."""
+        if len(meshes) == 1:
+            return meshes[0]
+        starts = np.cumsum([0, *(len(one.vertices) for one in meshes[:-1])], dtype=np.int32)
+        faces = [one.faces + start for one, start in zip(meshes, starts, strict=True)]
+        vertices = np.concatenate([one.vertices for one in meshes])
+        return cls(vertices=vertices, faces=np.concatenate(faces), edges=_NO_EDGES)
+
+    @cached_property
+    def places(self) -> Float64:
+        """World positions and 1 (V, 4), coordinate by coordinate, to be multiplied by matrices."""
+        return np.asfortranarray(np.insert(self.vertices[:, :3], 3, 1.0, axis=1))
+
+    @cached_property
+    def surface(self) -> Float64:
+        """The further attributes (V, C)."""
+        return np.ascontiguousarray(self.vertices[:, 3:])
 
     def below(self, height: float) -> ClippedMesh:
         """The mesh clipped to what lies below a height."""
@@ -213,7 +236,7 @@ def _between(vertices: Float64, distance: Float64, a: Int32, b: Int32) -> Float6
     return np.asarray(vertices[a] + part[:, None] * (vertices[b] - vertices[a]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Occluder:
     """Shadow casters above a ground plane, at one moment.
 
@@ -251,18 +274,15 @@ class Occluder:
         bounds = np.array([[one.min() for one in kept], [one.max() for one in kept]])
         return cls(camera, opaque, transparent, ground_y, bounds)
 
-
-def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Float64:
-    """Projection of world points along lights (N, 4) on the ground, then on the screen.
-
-    Matrices (N, 3, 4) to homogeneous pixel positions, whose last coordinate is positive before the
-    camera for points below the light.
-    """
-    plane = np.array([0.0, 1.0, 0.0, -ground_y])
-    intrinsics = np.array(
-        [[camera.fx, 0.0, -camera.cx], [0.0, -camera.fy, -camera.cy], [0.0, 0.0, -1.0]]
-    )
-    screen = intrinsics @ camera.camera_from_world[:3]
-    # on the ground a point p lies at (light . plane) p - (p . plane) light
-    own = (lights @ plane)[:, None, None] * screen
-    return np.asarray(own - (lights @ screen.T)[:, :, None] * plane)
+    @cached_property
+    def veils(self) -> tuple[tuple[ClippedMesh, Opacity], ...]:
+        """`transparent`, with small meshes joined that follow each other and have one opacity."""
+        groups: list[tuple[Opacity, list[ClippedMesh]]] = []
+        size = 0
+        for mesh, opacity in self.transparent:
+            size += len(mesh.vertices)
+            if not groups or groups[-1][0] is not opacity or size > _TOGETHER:
+                groups.append((opacity, []))
+                size = len(mesh.vertices)
+            groups[-1][1].append(mesh)
+        return tuple((ClippedMesh.joined(meshes), opacity) for opacity, meshes in groups)

@@ -1,4 +1,7 @@
-"""Samples of a light: points of a lamp's disc, or directions to the light from around."""
+"""Samples of a light: points of a lamp's disc, or directions to the light from around.
+
+Each is a projection of the world on the ground.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import numpy as np
 
 from nlens_video.core.layers import Float64
 from nlens_video.effects.shadow.ambient import hemisphere, hemisphere_spacing
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import Lamp
 from nlens_video.scene.object_motion import turned_about_up
 from nlens_video.scene.patches import R2
@@ -84,6 +88,22 @@ def lamp_points(lamp: Lamp, middle: Float64, count: int) -> Float64:
         rank = np.argsort(np.argsort(number * R2[0] % 1.0))  # so that all turns come up alike
         places = turned_about_up(places, lamp.turns[rank * len(lamp.turns) // count])
     return np.column_stack([places, np.full(count, 0.0 if far else 1.0)])
+
+
+def project_along_light(lights: Float64, ground_y: float, camera: Camera) -> Float64:
+    """Projection of world points along lights (N, 4) on the ground, then on the screen.
+
+    Matrices (N, 3, 4) to homogeneous pixel positions, whose last coordinate is positive before the
+    camera for points below the light.
+    """
+    plane = np.array([0.0, 1.0, 0.0, -ground_y])
+    intrinsics = np.array(
+        [[camera.fx, 0.0, -camera.cx], [0.0, -camera.fy, -camera.cy], [0.0, 0.0, -1.0]]
+    )
+    screen = intrinsics @ camera.camera_from_world[:3]
+    # on the ground a point p lies at (light . plane) p - (p . plane) light
+    own = (lights @ plane)[:, None, None] * screen
+    return np.asarray(own - (lights @ screen.T)[:, :, None] * plane)
 
 
 def _cross(one: Float64, other: Float64) -> Float64:

@@ -10,7 +10,7 @@ import numpy as np
 from nlens_video.core.layers import Float32
 from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, mark_covered
 from nlens_video.effects.shadow.light_views import LightViews
-from nlens_video.effects.shadow.transparency import absorb, no_absorption
+from nlens_video.effects.shadow.transparency import absorb_veils, no_absorption
 from nlens_video.kernels.thread_pool import bands, parallel_for
 from nlens_video.native import kernels
 
@@ -44,21 +44,14 @@ class ShadowMaps:
             matrices = matrices.copy()
             matrices[:, 2] = np.eye(4)[3]
         at = [(float(column), float(row)) for column, row in views.at]
-        opaque, transparent = views.casters.occluder.opaque, views.casters.occluder.transparent
+        opaque, veils = views.casters.occluder.opaque, views.casters.occluder.veils
         projections = [(bit, *one) for bit, one in enumerate(zip(matrices, at, strict=True))]
         mark_covered(bits, (opaque.vertices, opaque.faces, opaque.edges), projections)
-        taken = np.zeros((len(at) if transparent else 0, rows, columns), np.float32)
+        taken = np.zeros((len(at) if veils else 0, rows, columns), np.float32)
         for bit, one in enumerate(taken):
             absorption = no_absorption(rows, columns)
-            for mesh, opacity in transparent:
-                matrix = matrices[bit]
-                points = mesh.vertices[:, :3] @ matrix[:, :3].T + matrix[:, 3]
-                surface = np.ascontiguousarray(mesh.vertices[:, 3:])
-                texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
-                number = views.numbers[bit] + 1
-                absorb(
-                    absorption, (bits, bit), points, surface, mesh.faces, texture, number, at[bit]
-                )
+            number = views.numbers[bit] + 1
+            absorb_veils(absorption, (bits, bit), veils, matrices[bit], number, at[bit])
             one[:] = absorption.taken
         return cls(views, bits, taken)
 

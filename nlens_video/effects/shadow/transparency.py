@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.effects.shadow.casters import ClippedMesh
 from nlens_video.effects.shadow.coverage import Bits, Int32
+from nlens_video.kernels.scratch import scratch
 from nlens_video.native import kernels
+from nlens_video.render.base.opacity import Opacity
 
 REPEATED, MIRRORED, CLAMPED = 0, 1, 2
 _Texture = tuple[Float32, tuple[int, int], float]
@@ -34,6 +38,33 @@ def no_absorption(height: int, width: int) -> Absorption:
     """The start of an accumulation."""
     taken, left = np.zeros((2, height, width), np.float32)
     return Absorption(taken, left, np.zeros((height, width), np.int32))
+
+
+def absorb_veils(
+    absorption: Absorption,
+    opaque: tuple[Bits, int],
+    veils: Sequence[tuple[ClippedMesh, Opacity]],
+    matrix: Float64,
+    call: int,
+    at: tuple[float, float],
+) -> None:
+    """Add the absorption of meshes in one projection, as `absorb` does.
+
+    Args:
+        absorption: of the projections so far; changed.
+        opaque: as of `absorb`.
+        veils: the meshes, whose vertices have texture coordinates and a factor of alpha.
+        matrix: from the world to homogeneous positions (3, 4).
+        call: as of `absorb`.
+        at: likewise.
+    """
+    most = max((len(mesh.places) for mesh, _ in veils), default=0)
+    held = scratch("points", (most, 3), np.float64)
+    for mesh, opacity in veils:
+        points = held[: len(mesh.places)]
+        np.matmul(mesh.places, matrix.T, out=points)
+        texture = (opacity.alpha, opacity.wrap, opacity.cutoff)
+        absorb(absorption, opaque, points, mesh.surface, mesh.faces, texture, call, at)
 
 
 def absorb(

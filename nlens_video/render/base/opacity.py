@@ -9,6 +9,7 @@ import numpy as np
 from nlens_video.core.layers import Float32
 from nlens_video.scene.gltf.materials import Material
 from nlens_video.scene.gltf.meshes import Geometry
+from nlens_video.scene.gltf.textures import Image
 
 MIRRORED, CLAMPED = 33648, 33071  # glTF's codes for texture wrapping
 _OPAQUE = 254.5 / 255.0
@@ -34,13 +35,13 @@ class Opacity:
         material = geometry.material
         if material.alpha_mode == "OPAQUE" and not material.see_through:
             return None
-        use = None if material.alpha_mode == "OPAQUE" else material.base_color_texture
+        image = _image(material)
         alpha = np.ones((1, 1), np.float32)
         wrap = (0, 0)
-        if use is not None:
-            alpha = use.image.pixels[..., 3].astype(np.float32) / np.float32(255.0)
+        if image is not None:
+            alpha = image.pixels[..., 3].astype(np.float32) / np.float32(255.0)
             codes = {MIRRORED: 1, CLAMPED: 2}
-            wrap = (codes.get(use.image.wrap[0], 0), codes.get(use.image.wrap[1], 0))
+            wrap = (codes.get(image.wrap[0], 0), codes.get(image.wrap[1], 0))
         cutoff = material.alpha_cutoff if material.alpha_mode == "MASK" else -1.0
         least = float(alpha.min()) * float(_factor(geometry, material).min(initial=1.0))
         if least >= (cutoff if cutoff >= 0.0 else _OPAQUE):
@@ -50,15 +51,22 @@ class Opacity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Opacities:
-    """Opacity of surfaces, which does not change over time: each is read once."""
+    """Opacity of surfaces, which does not change over time: each is read once.
+
+    Those of one picture and cutoff are the same object.
+    """
 
     _found: dict[Geometry, Opacity | None] = field(default_factory=dict)
+    _alike: dict[tuple[Image | None, float], Opacity] = field(default_factory=dict)
     _texturing: dict[Geometry, Float32] = field(default_factory=dict)
 
     def of(self, geometry: Geometry) -> Opacity | None:
         """As `Opacity.of`."""
         if geometry not in self._found:
-            self._found[geometry] = Opacity.of(geometry)
+            found = Opacity.of(geometry)
+            if found is not None:
+                found = self._alike.setdefault((_image(geometry.material), found.cutoff), found)
+            self._found[geometry] = found
         return self._found[geometry]
 
     def texturing(self, geometry: Geometry) -> Float32:
@@ -66,6 +74,12 @@ class Opacities:
         if geometry not in self._texturing:
             self._texturing[geometry] = texturing(geometry)
         return self._texturing[geometry]
+
+
+def _image(material: Material) -> Image | None:
+    """The picture whose alpha counts."""
+    use = None if material.alpha_mode == "OPAQUE" else material.base_color_texture
+    return None if use is None else use.image
 
 
 def texturing(geometry: Geometry) -> Float32:
