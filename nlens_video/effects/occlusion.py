@@ -22,6 +22,7 @@ from nlens_video.core.color import luma
 from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.occlusion_cues import MovingMatte
+from nlens_video.kernels.channels import scaled_pixels
 from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.kernels.depth_layers import inpaint
 from nlens_video.kernels.scatter.furthest import furthest_reach
@@ -78,10 +79,14 @@ def inpainted(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:
         known: where it is kept (h, w); somewhere at least.
         corner: row and column of the first pixel in the frame.
     """
-    ones = np.ones((*known.shape, 1), np.float32)
-    maps = np.concatenate([plate, ones], axis=2) * known[..., None]
-    filled = inpaint(np.ascontiguousarray(maps, dtype=np.float32), known, corner)
-    return np.asarray(filled[..., :3] / np.maximum(filled[..., 3:], np.float32(1e-6)))
+    maps = cv2.cvtColor(np.ascontiguousarray(plate, np.float32), cv2.COLOR_RGB2RGBA)
+    maps = cv2.copyTo(maps, known.view(np.uint8))
+    filled = inpaint(np.asarray(maps, np.float32), known, corner)
+    weight = np.maximum(filled[..., 3], np.float32(1e-6))
+    out = np.empty(plate.shape, np.float32)
+    for channel in range(3):  # NumPy is slow along an axis of three
+        np.divide(filled[..., channel], weight, out=out[..., channel])
+    return out
 
 
 def foreground_matte(picture: Picture, region: Box, coverage: Float32) -> ForegroundMatte | None:
@@ -116,15 +121,16 @@ def moving_mattes(picture: Picture, moving: MovingMatte) -> Foreground:
         moving: what moves on a region.
     """
     light = picture.linear(moving.box)
-    hidden = (np.float32(1.0) - moving.coverage[..., None]) * moving.background
-    own = np.clip(light - hidden, 0.0, np.maximum(light, 0.0))
+    own = light - scaled_pixels(moving.background, np.float32(1.0) - moving.coverage)
+    np.clip(own, 0.0, np.maximum(light, 0.0), out=own)
     own[moving.coverage <= 0.0] = 0.0
-    before = moving.before[..., None]
     over_ground = ForegroundMatte(box=moving.box, coverage=moving.coverage, light=own)
     return Foreground(
         before_object=ForegroundMatte(
-            box=moving.box, coverage=moving.coverage * moving.before, light=own * before
-        ),
+            box=moving.box,
+            coverage=moving.coverage * moving.before,
+            light=scaled_pixels(own, moving.before),
+        ),  # fmt: skip
         before_ground=over_ground,
         before_shadow=over_ground,
     )

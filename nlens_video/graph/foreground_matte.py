@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Box, Float32, Float64, Picture
+from nlens_video.core.layers import Bool, Box, Float32, Float64, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.foreground.appearance import segment
 from nlens_video.effects.foreground.background import (
@@ -24,12 +24,28 @@ from nlens_video.effects.foreground.matte import soft_matte
 from nlens_video.effects.foreground.reference_view import ReferenceView
 from nlens_video.effects.foreground.tracker import TrackState
 from nlens_video.effects.occlusion_cues import MovingMatte, MovingThings, SeenBackground
+from nlens_video.kernels.channels import scaled_channels
 from nlens_video.scene.camera import Camera
 
 _GUIDE_RADIUS_PX = 2.0  # radius of the guided filter of the border in a merged blob [lowres px]
 _GUIDE_EPSILON = 2e-4  # its regularisation: variance of roots of light within a target [1]
 _CONTEXT_PX = 24  # around a region, from which the foreground is extrapolated [px]
 _UNKNOWN_NOISE = 1.0 / 255.0  # standard deviation of a root of light where it is not known [1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _LowresFrame:
+    """A frame at low resolution beside the background.
+
+    Attributes:
+        gain: ratio of its roots of light to those of the background (3,) [1].
+        roots: square root of its light (h, w, 3), in the background's exposure if it has a mask.
+        mask: its foreground mask (h, w); None where it is too dark or lit by a flash.
+    """
+
+    gain: Float32
+    roots: Float32
+    mask: Bool | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,34 +69,46 @@ class MovingForeground:
     def on_frame(self, index: int) -> MovingThings:
         """What moves on a frame."""
         states = self.states.get(index, ())
+        made: list[_LowresFrame] = []
+
+        def lowres(picture: Picture) -> _LowresFrame:
+            """This frame's, made once."""
+            if not made:
+                made.append(self._lowres(picture, self.cameras[index]))
+            return made[0]
 
         def matte(picture: Picture, region: Box, fit: LensFit | None) -> MovingMatte | None:
-            return (
-                self._matte(states, self.cameras[index], picture, region, fit) if states else None
-            )
+            if not states:
+                return None
+            return self._matte(states, self.cameras[index], picture, region, fit, lowres)
 
         def background(picture: Picture) -> SeenBackground:
-            return self._background(picture, self.cameras[index])
+            return self._background(lowres(picture), self.cameras[index])
 
         return MovingThings(matte, self._feet(states, index), background)
 
-    def _background(self, picture: Picture, camera: Camera) -> SeenBackground:
+    def _lowres(self, picture: Picture, camera: Camera) -> _LowresFrame:
+        roots = self.reference.warp_lowres(picture, camera)
+        model = self.reference.render_background(self.model, camera)
+        gain = exposure_gain(roots, model.roots)
+        if tells_nothing(roots, model.roots):
+            return _LowresFrame(gain=gain, roots=roots, mask=None)
+        roots = model.normalised(roots, gain)
+        mask = foreground_mask(roots, model.roots, model.noise)
+        return _LowresFrame(gain=gain, roots=roots, mask=mask)
+
+    def _background(self, lowres: _LowresFrame, camera: Camera) -> SeenBackground:
         """The background around the object, where at most shadows move."""
         reference, source = self.reference, self.clean_plate.box
         box = reference.box_in_frame(source, camera)
-        roots = reference.warp_lowres(picture, camera)
-        model = reference.render_background(self.model, camera)
-        if tells_nothing(roots, model.roots):
+        if lowres.mask is None:
             return SeenBackground(
                 box=box, light=np.full((box.height, box.width, 3), np.nan, np.float32)
             )
-        mask = foreground_mask(model.normalised(roots), model.roots, model.noise)
-        wide = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
-        gain = exposure_gain(roots, model.roots)
-        light = np.square(
-            reference.box_to_frame(self.clean_plate.roots, source, camera, box) * gain
-        )
-        light[reference.lowres_to_frame(wide, camera, box) > 0.0] = np.nan
+        wide = cv2.dilate(lowres.mask.astype(np.uint8), np.ones((3, 3), np.uint8))
+        roots = reference.box_to_frame(self.clean_plate.roots, source, camera, box)
+        light = np.square(scaled_channels(roots, lowres.gain))
+        light[reference.lowres_to_frame(wide.astype(np.float32), camera, box) > 0.0] = np.nan
         return SeenBackground(box=box, light=light)
 
     def _feet(self, states: tuple[TrackState, ...], index: int) -> Float64:
@@ -96,7 +124,7 @@ class MovingForeground:
 
     def _matte(
         self, states: tuple[TrackState, ...], camera: Camera, picture: Picture, region: Box,
-        fit: LensFit | None,
+        fit: LensFit | None, lowres: Callable[[Picture], _LowresFrame],
     ) -> MovingMatte | None:  # fmt: skip
         reference, source = self.reference, self.clean_plate.box
         known = reference.box_in_frame(source, camera)
@@ -106,24 +134,21 @@ class MovingForeground:
         lowres_box = self.model.lowres_box(reference.box_in_reference(box, camera))
         if all(one.box.intersection(lowres_box).empty for one in states):
             return None
-        roots = reference.warp_lowres(picture, camera)
-        model = reference.render_background(self.model, camera)
-        if tells_nothing(roots, model.roots):  # the targets are where they are expected
+        seen = lowres(picture)
+        if seen.mask is None:  # the targets are where they are expected
             near, order = (
                 reference.lowres_to_frame(one, camera, box)
-                for one in _silhouettes(states, roots.shape[:2])
+                for one in _silhouettes(states, seen.roots.shape[:2])
             )
             return MovingMatte(box=box, coverage=near, before=order, background=picture.linear(box))
-        near, in_front, mixed = _lowres_order(states, model.normalised(roots), model)
+        near, in_front, mixed = _lowres_order(states, seen.roots, seen.mask)
         wide = box.expanded(_CONTEXT_PX).intersection(known)
         prior = reference.lowres_to_frame(near, camera, wide) > 0.5
         if not prior.any():
             return None
         light = picture.linear(wide)
-        gain = exposure_gain(roots, model.roots)
-        below = np.square(
-            reference.box_to_frame(self.clean_plate.roots, source, camera, wide) * gain
-        )
+        below = reference.box_to_frame(self.clean_plate.roots, source, camera, wide)
+        below = np.square(scaled_channels(below, seen.gain))
         noise = reference.box_to_frame(self.clean_plate.noise, source, camera, wide)
         unknown = np.isnan(below[..., 0]) | np.isnan(noise)
         if unknown.any():
@@ -132,15 +157,19 @@ class MovingForeground:
         edge_px = self._edge_px(states, fit, scale)
         share = soft_matte(light, below, noise, prior, edge_px, scale)
         share[unknown] = 0.0
+        covered = Box.of(share > 0.0).translated(wide.x0, wide.y0).intersection(box)
+        if covered.empty:
+            return None
         order = reference.lowres_to_frame(in_front, camera, wide)
         if mixed:  # align the border between the targets with edges of the picture
-            guide = np.ascontiguousarray(sqrt_light(light))
             radius = max(2, math.ceil(_GUIDE_RADIUS_PX * scale))
-            filtered = cv2.ximgproc.guidedFilter(guide, order, radius, _GUIDE_EPSILON)
-            order = np.clip(filtered, 0.0, 1.0)
-        crop = box.slices_in(wide)
+            part = covered.expanded(2 * radius).intersection(wide).slices_in(wide)
+            guide = np.ascontiguousarray(sqrt_light(light[part]))
+            filtered = cv2.ximgproc.guidedFilter(guide, order[part], radius, _GUIDE_EPSILON)
+            order[part] = np.clip(filtered, 0.0, 1.0)
+        crop = covered.slices_in(wide)
         return MovingMatte(
-            box=box, coverage=share[crop], before=np.asarray(order[crop], np.float32),
+            box=covered, coverage=share[crop], before=np.asarray(order[crop], np.float32),
             background=below[crop],
         )  # fmt: skip
 
@@ -171,15 +200,19 @@ def _silhouettes(states: tuple[TrackState, ...], shape: tuple[int, ...]) -> tupl
 
 
 def _lowres_order(
-    states: tuple[TrackState, ...], roots: Float32, model: BackgroundModel
+    states: tuple[TrackState, ...], roots: Float32, mask: Bool
 ) -> tuple[Float32, Float32, bool]:
     """Mask of tracked targets and their depth order at low resolution.
+
+    Args:
+        states: the targets on the frame.
+        roots: square root of its light (h, w, 3), in the background's exposure.
+        mask: its foreground mask (h, w).
 
     Returns:
         The mask (h, w); 1 in front of the object to 0 behind it (h, w) [1], outside the mask that
         of the nearest pixel; and whether targets of different order are merged.
     """
-    mask = foreground_mask(roots, model.roots, model.noise)
     mixed = False
     near, order = np.zeros(mask.shape, np.float32), np.full(mask.shape, np.nan, np.float32)
     frame = Box(0, 0, *mask.shape[::-1])

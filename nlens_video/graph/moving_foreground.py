@@ -43,6 +43,7 @@ from nlens_video.graph.base.context import ReadAgain
 from nlens_video.graph.base.view import View
 from nlens_video.graph.foreground_matte import MovingForeground
 from nlens_video.graph.shot_geometry import ShotGeometry
+from nlens_video.kernels.channels import divided_channels
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
@@ -226,9 +227,13 @@ def _track(
             continue
         is_sampled = sampler.takes_next
         gain = exposure_gain(roots, background.roots)
-        sampler.add(reference.register_box(picture, camera, wide) / gain if is_sampled else None)
+        sampler.add(
+            divided_channels(reference.register_box(picture, camera, wide), gain)
+            if is_sampled
+            else None
+        )
         valid = ~np.isnan(roots[..., 0])
-        roots = background.normalised(roots)
+        roots = background.normalised(roots, gain)
         mask = foreground_mask(roots, background.roots, background.noise)
         detections = detect(mask, valid)
         if not detections:

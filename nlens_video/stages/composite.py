@@ -11,11 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.kernels.aperture_covariance import edge_parallax_layer
+from nlens_video.kernels.channels import scaled_pixels
 from nlens_video.kernels.coc_discontinuities import extend_nearest
 from nlens_video.scene.camera import Camera
 
@@ -108,13 +110,14 @@ def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> 
         (h, w, 4), all 0 where the coverage is 1; its light may be negative where the foreground is
         darker than the background.
     """
-    m, alpha = coverage[..., None], rgba[..., 3:]
-    free = np.float32(1.0) - m
-    rgb = free * rgba[..., :3] + alpha * (light - m * plate)
-    hidden = np.concatenate([rgb, free * alpha], axis=2)
-    hidden[coverage <= 0.0] = rgba[coverage <= 0.0]
-    hidden[coverage >= 1.0] = 0.0
-    return np.asarray(hidden, dtype=np.float32)
+    free, alpha = np.float32(1.0) - coverage, rgba[..., 3]
+    lost = light - scaled_pixels(plate, coverage)
+    hidden = scaled_pixels(rgba, free)
+    hidden[..., :3] += scaled_pixels(lost, alpha)
+    alone, none = (coverage <= 0.0).view(np.uint8), (coverage >= 1.0).view(np.uint8)
+    cv2.copyTo(np.ascontiguousarray(rgba), alone, hidden)
+    cv2.copyTo(np.zeros_like(hidden), none, hidden)
+    return hidden
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

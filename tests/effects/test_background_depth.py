@@ -9,6 +9,7 @@ from support import shots
 from support.rooms import room, room_disparities
 
 from nlens_video.core.layers import Box
+from nlens_video.effects.foreground.background import exposure_gain
 from nlens_video.effects.foreground.background_depth import BackgroundDepth, PlaneSweep
 from nlens_video.effects.foreground.detection import detect, foreground_mask
 from nlens_video.effects.foreground.parallax_view import ParallaxView
@@ -81,7 +82,8 @@ def test_a_frame_gets_back_its_own_background_and_a_walker_keeps_his_shape(refer
         survey.add(reference.register_lowres(picture, camera(eye)))
     model, view = survey.model(), camera(EYES[-1])
     background = reference.render_background(model, view)
-    roots = background.normalised(reference.warp_lowres(room(view, walker=(0.1, 1.8)), view))
+    roots = reference.warp_lowres(room(view, walker=(0.1, 1.8)), view)
+    roots = background.normalised(roots, exposure_gain(roots, background.roots))
     (detection,) = detect(foreground_mask(roots, background.roots, background.noise))
     foot = reference.ground_disparity(
         (detection.foot[0] * reference.size[0] / reference.lowres_size[0],

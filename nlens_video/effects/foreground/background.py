@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE, channel_max
+from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE
+from nlens_video.kernels.channels import channel_max, divided_channels
 
 LOWRES_WIDTH = 384
 """Largest width of the low resolution, at which motion is detected [px]."""
@@ -67,9 +68,7 @@ def _median_ratio(roots: Float32, background: Float32) -> Float32:
 
 def in_exposure_of(roots: Float32, background: Float32) -> Float32:
     """The roots of light of a frame (h, w, 3), divided by its `exposure_gain`."""
-    # a row at a time: NumPy is slow along an axis of three
-    gains = np.tile(exposure_gain(roots, background), roots.shape[1])
-    return np.asarray((roots.reshape(len(roots), -1) / gains).reshape(roots.shape), np.float32)
+    return divided_channels(roots, exposure_gain(roots, background))
 
 
 def tells_nothing(roots: Float32, background: Float32) -> bool:
@@ -141,9 +140,14 @@ class BackgroundModel:
     agreement: Float32
     seen: Bool
 
-    def normalised(self, roots: Float32) -> Float32:
-        """A frame (h, w, 3) in the background's exposure; unknown pixels show the background."""
-        roots = in_exposure_of(roots, self.roots)
+    def normalised(self, roots: Float32, gain: Float32) -> Float32:
+        """A frame (h, w, 3) in the background's exposure; unknown pixels show the background.
+
+        Args:
+            roots: square root of its light (h, w, 3).
+            gain: its `exposure_gain` (3,).
+        """
+        roots = divided_channels(roots, gain)
         unknown = np.isnan(roots[..., 0]) | ~self.seen
         if unknown.any():
             roots[unknown] = self.roots[unknown]

@@ -22,10 +22,10 @@ from nlens_video.effects.foreground.frame_sampler import (
     UNKNOWN_CODE,
     Codes,
     FrameSampler,
-    channel_max,
     upper_median,
 )
 from nlens_video.effects.foreground.reference_view import PixelMap
+from nlens_video.kernels.channels import channel_max
 from nlens_video.scene.camera import Camera
 
 _DEPTH_STEP_PX = 0.5  # largest shift of a frame from one depth to the next [px]

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Box, Float32
-from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE, channel_max
+from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE
+from nlens_video.kernels.channels import channel_max
 
 _WEAK_THRESHOLD = 0.5  # lower threshold of the hysteresis, by the upper one [1]
 MIN_BLOB_AREA = 3e-4

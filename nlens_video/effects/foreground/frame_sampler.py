@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Float32
+from nlens_video.kernels.channels import channel_max
 
 MIN_CHANGE = 14.0 / 255.0
 """Least change of the square root of light that counts as motion [1]."""
@@ -58,12 +58,6 @@ def upper_median(frames: Sequence[Codes]) -> Codes:
         held = held[1:-1]
         if waiting:
             held.append(waiting.pop())
-
-
-def channel_max(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Maximum over the three channels of each pixel; `max` along so short an axis is slow."""
-    first = np.maximum(values[..., 0], values[..., 1])
-    return np.asarray(np.maximum(first, values[..., 2]))
 
 
 @dataclass(slots=True)

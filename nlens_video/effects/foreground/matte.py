@@ -13,10 +13,11 @@ import math
 import cv2
 import numpy as np
 
-from nlens_video.core.layers import Bool, Float32
+from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.background import sqrt_light
 from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE
 from nlens_video.effects.occlusion import inpainted
+from nlens_video.kernels.channels import channel_max, channel_sum
 
 _PRIOR_WEIGHT = 60.0  # of the prior, by |F - B|^2 over the variance of the light [1]
 _FOREGROUND_SIGMA = 0.15  # standard deviation of the light of F, by that light [1]
@@ -39,41 +40,92 @@ def soft_matte(
         edge_px: largest width of a target's edge [px].
         scale: pixels by those at low resolution [1].
     """
+    share = np.zeros(near.shape, np.float32)
     if not near.any():
-        return np.zeros(near.shape, np.float32)
-    solid = _refine_mask(light, background, noise, near, scale, edge_px)
+        return share
+    whole = Box(0, 0, *near.shape[::-1])
+    hole = _largest_hole(near.shape, scale)
+    margin = _margin_px(edge_px, scale, hole)
+    at = Box.of(near).expanded(margin).intersection(whole).slices_in(whole)
+    solid = _refine_mask(light[at], background[at], noise[at], near[at], scale, edge_px, hole)
     if not solid.any():
-        return np.zeros(near.shape, np.float32)
+        return share
     core, band = _trimap(solid, edge_px)
-    foreground = inpainted(light, core, (0, 0))
-    roots, below = sqrt_light(light), sqrt_light(background)
-    difference = np.abs(roots - below).max(axis=2)
-    contrast = np.abs(sqrt_light(foreground) - below).max(axis=2)
-    inner = solid & (core | (difference > np.float32(0.5) * contrast))
-    prior = cv2.GaussianBlur(inner.astype(np.float32), (0, 0), max(0.6, _EDGE_SIGMA * edge_px))
-    whole, part = foreground - background, light - background
+    known = np.zeros(near.shape, np.bool_)
+    known[at] = core
+    foreground = inpainted(light, known, (0, 0))
+    pixels = light[at][band], background[at][band], foreground[at][band]
+    inner = core.astype(np.float32)
+    inner[band] = solid[band] & _nearer_to_foreground(*pixels)
+    prior = cv2.GaussianBlur(inner, (0, 0), max(0.6, _EDGE_SIGMA * edge_px))
+    found = core.astype(np.float32)
+    found[band] = _projected(*pixels, noise[at][band], np.asarray(prior, np.float32)[band])
+    share[at] = cv2.medianBlur(found, 5)
+    return share
+
+
+def _nearer_to_foreground(plate: Float32, background: Float32, foreground: Float32) -> Bool:
+    """Whether pixels (n,) of light (n, 3) are over half-way from the background, in roots."""
+    roots = sqrt_light(background)
+    contrast = channel_max(np.abs(sqrt_light(foreground) - roots))
+    return np.asarray(channel_max(np.abs(sqrt_light(plate) - roots)) > np.float32(0.5) * contrast)
+
+
+def _projected(
+    plate: Float32, background: Float32, foreground: Float32, noise: Float32, prior: Float32
+) -> Float32:
+    """Coverage of pixels (n,) of light (n, 3) by the foreground [1].
+
+    Args:
+        plate: light of the plate.
+        background: that behind the foreground.
+        foreground: its own.
+        noise: standard deviation of the square root of the plate's light (n,) [1].
+        prior: coverage (n,) by the mask [1].
+    """
+    whole, part = foreground - background, plate - background
     # of light, from that of its square root: noise of the plate, and texture of the foreground
-    variance = np.square(2.0 * np.maximum(roots.mean(axis=2), _MIN_ROOT) * noise)
-    variance = variance + np.square(np.float32(_FOREGROUND_SIGMA)) * np.square(foreground).mean(
-        axis=2
-    )
-    square = (whole * whole).sum(axis=2) / variance
-    along = (whole * part).sum(axis=2) / variance
-    share = (along + np.float32(_PRIOR_WEIGHT) * prior) / (square + _PRIOR_WEIGHT)
-    share = np.where(core, np.float32(1.0), np.where(band, share, np.float32(0.0)))
+    level = np.maximum(channel_sum(sqrt_light(plate)) / np.float32(3.0), np.float32(_MIN_ROOT))
+    texture = channel_sum(np.square(foreground)) / np.float32(3.0)
+    variance = np.square(np.float32(2.0) * level * noise)
+    variance += np.square(np.float32(_FOREGROUND_SIGMA)) * texture
+    square = channel_sum(whole * whole) / variance
+    along = channel_sum(whole * part) / variance
+    share = along + np.float32(_PRIOR_WEIGHT) * prior
+    share /= square + np.float32(_PRIOR_WEIGHT)
     share = (np.clip(share, 0.0, 1.0) - np.float32(0.03)) / np.float32(0.94)
-    share = np.clip(share, 0.0, 1.0).astype(np.float32)
-    return np.asarray(cv2.medianBlur(share, 5), np.float32)
+    return np.asarray(np.clip(share, 0.0, 1.0), np.float32)
+
+
+def _largest_hole(shape: tuple[int, ...], scale: float) -> float:
+    """Area of a hole up to which it is filled, in a mask of a region (h, w) [px^2]."""
+    return float((_MAX_HOLE * min(shape)) ** 2 + scale * scale * 4)
+
+
+def _margin_px(edge_px: float, scale: float, hole: float) -> int:
+    """Margin around the mask at low resolution beyond which nothing changes the matte [px].
+
+    The matte lies in the reach of the mask. Around it is room for the blur of its edge, and more
+    pixels than those of a hole: what surrounds the mask is none.
+    """
+    return _reach_px(edge_px, scale) + 4 + math.ceil(max(edge_px + 1.0, math.sqrt(hole)))
+
+
+def _reach_px(edge_px: float, scale: float) -> int:
+    """How far beyond the mask at low resolution that at full resolution may lie [px]."""
+    return math.ceil(2.0 * scale + 0.5 * edge_px)
 
 
 def _refine_mask(
-    light: Float32, background: Float32, noise: Float32, near: Bool, scale: float, edge_px: float
-) -> Bool:
+    light: Float32, background: Float32, noise: Float32, near: Bool, scale: float, edge_px: float,
+    hole: float,
+) -> Bool:  # fmt: skip
     """Foreground mask (h, w) at full resolution, near that at low resolution; holes are filled."""
-    difference = np.abs(cv2.blur(sqrt_light(light) - sqrt_light(background), (3, 3))).max(axis=2)
+    change = cv2.blur(sqrt_light(light) - sqrt_light(background), (3, 3))
+    difference = channel_max(np.abs(change, out=change))
     differs = difference > np.maximum(np.float32(_CHANGE_FACTOR * MIN_CHANGE), 2.0 * noise)
     reach = 2 * math.ceil(scale) + 1
-    far = 2 * math.ceil(2.0 * scale + 0.5 * edge_px) + 1
+    far = 2 * _reach_px(edge_px, scale) + 1
     around = cv2.dilate(near.astype(np.uint8), np.ones((far, far), np.uint8))
     inside = cv2.erode(near.astype(np.uint8), np.ones((reach, reach), np.uint8))
     mask = (differs & (around > 0)).astype(np.uint8) | inside
@@ -81,9 +133,8 @@ def _refine_mask(
     element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, element)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    largest = (_MAX_HOLE * min(mask.shape)) ** 2 + scale * scale * 4
     _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
-    small = stats[:, cv2.CC_STAT_AREA] <= largest
+    small = stats[:, cv2.CC_STAT_AREA] <= hole
     small[0] = True  # label 0 is the mask itself
     return np.asarray(small[labels])
 

@@ -74,19 +74,17 @@ def localize(
         one.appearance.colour_likelihood(roots[crop], one.predicted, window) for one in targets
     ]
     shifts = [0] * len(targets)
-    covers = [one.appearance.coverage(one.predicted, window) for one in targets]
+    moved = [_Moved.of(one, window) for one in targets]
+    covers = [one.by(0) for one in moved]
     for step, limit in ((_COARSE_STEP_PX, None), (1, _COARSE_STEP_PX - 1)):
         for number, one in enumerate(targets):
             reach, scores = limit or _search_px(one.predicted), {}
             for shift in range(shifts[number] - reach, shifts[number] + reach + 1, step):
-                moved = one.appearance.coverage(one.predicted.translated(shift, 0), window)
-                others = [*covers[:number], moved, *covers[number + 1 :]]
+                others = [*covers[:number], moved[number].by(shift), *covers[number + 1 :]]
                 error = shift / (_PREDICTION_SIGMA * one.predicted.height + 1.0)
                 scores[shift] = _log_likelihood(others, colours, inside) - 0.5 * error * error
             shifts[number] = max(scores, key=lambda shift: (scores[shift], -abs(shift)))
-            covers[number] = one.appearance.coverage(
-                one.predicted.translated(shifts[number], 0), window
-            )
+            covers[number] = moved[number].by(shifts[number])
     whole = _log_likelihood(covers, colours, inside)
     found, visible = list[Localization](), np.ones(inside.shape, np.float32)
     for number, (one, cover) in enumerate(zip(targets, covers, strict=True)):
@@ -97,6 +95,31 @@ def localize(
         box = one.predicted.translated(shifts[number], 0)
         found.append(Localization(box, visibility, whole - without))
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    """Coverage by a target that is moved sideways.
+
+    Attributes:
+        coverage: where it is predicted, `reach` columns beyond a window on both sides.
+        reach: largest shift [px].
+    """
+
+    coverage: Float32
+    reach: int
+
+    @classmethod
+    def of(cls, target: MergedTarget, window: Box) -> _Moved:
+        """For all shifts that are searched."""
+        reach = _search_px(target.predicted) + _COARSE_STEP_PX
+        wide = Box(window.x0 - reach, window.y0, window.x1 + reach, window.y1)
+        return cls(target.appearance.coverage(target.predicted, wide), reach)
+
+    def by(self, shift: int) -> Float32:
+        """Coverage of the window (h, w) [1]."""
+        first = self.reach - shift
+        return self.coverage[:, first : first + self.coverage.shape[1] - 2 * self.reach]
 
 
 def _search_px(box: Box) -> int:

@@ -24,6 +24,7 @@ from nlens_video.core.layers import (
 )
 from nlens_video.effects.occlusion_cues import MovingThings, SeenBackground
 from nlens_video.effects.surfaces import normals
+from nlens_video.kernels.channels import all_channels
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, from_lamp, polynomial
 
@@ -123,7 +124,7 @@ def ground_light(picture: Picture, background: SeenBackground) -> GroundLight:
         picture: the plate as decoded.
         background: of the frame.
     """
-    known = np.isfinite(background.light).all(axis=-1)
+    known = all_channels(np.isfinite(background.light))
     now, usual = (
         cv2.GaussianBlur(
             np.where(known, light @ LUMINANCE.astype(np.float32), np.float32(0.0)), (0, 0), _BLUR_PX

@@ -23,9 +23,9 @@ from nlens_video.effects.foreground.frame_sampler import (
     MIN_CHANGE,
     MIN_FRAMES,
     FrameSampler,
-    channel_max,
 )
 from nlens_video.effects.foreground.reference_view import StaticView
+from nlens_video.kernels.channels import channel_max
 from nlens_video.video.info import SourceFrame
 
 SURVEY_INTERVAL_S = 0.2

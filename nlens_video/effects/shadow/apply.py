@@ -22,6 +22,7 @@ from nlens_video.core.layers import (  # fmt: skip
     Picture,
 )
 from nlens_video.core.lens_fit import LensFit
+from nlens_video.kernels.channels import channel_sum, scaled_pixels
 from nlens_video.kernels.scatter.plane_blur import LARGEST_COC_PX, WIDEST_PX, PlaneCoc, blur_plane
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.composite import ForegroundMatte
@@ -181,14 +182,16 @@ class BlurredShadow:
             part: (h, w) [1].
         """
         whole = self.box if other is None else self.box.union(other.box)
-        own, rest = (np.zeros((whole.height, whole.width, 4), np.float32) for _ in range(2))
-        own[self.box.slices_in(whole)] = self.loss
+        if (common := box.intersection(whole)).empty:
+            return self
+        mixed, rest = (np.zeros((whole.height, whole.width, 4), np.float32) for _ in range(2))
+        mixed[self.box.slices_in(whole)] = self.loss
         if other is not None:
             rest[other.box.slices_in(whole)] = other.loss
-        common = box.intersection(whole)
-        share, at = part[common.slices_in(box)][..., None], common.slices_in(whole)
-        own[at] = share * own[at] + (np.float32(1.0) - share) * rest[at]
-        return BlurredShadow(box=whole, loss=own)
+        share, at = part[common.slices_in(box)], common.slices_in(whole)
+        mixed[at] = scaled_pixels(mixed[at], share)
+        mixed[at] += scaled_pixels(rest[at], np.float32(1.0) - share)
+        return BlurredShadow(box=whole, loss=mixed)
 
 
 def _darkening(loss: Float32) -> Float32:
@@ -220,8 +223,7 @@ class ApplyShadow:
             frame: the frame's own box.
             matte: of things in front of the ground.
         """
-        blurred = self.blurred(shadow, frame)
-        return multiply(picture, behind_foreground(blurred, picture, matte))
+        return multiply(picture, behind_foreground(self.blurred(shadow, frame), picture, matte))
 
     def blurred(self, shadow: Shadow, frame: Box) -> BlurredShadow:
         """The shadow as the lens shows it."""
@@ -273,9 +275,7 @@ def behind_foreground(
     layer = blurred.darkening
     if matte is None or layer.box.empty:
         return layer
-    box = layer.box
-    loss = _behind(blurred.loss, picture.linear(box), box, matte)
-    return BlurredLayer(box=box, rgba=_darkening(loss))
+    return BlurredLayer(box=layer.box, rgba=_darkening(_behind(blurred, picture, matte)))
 
 
 def multiply(picture: Picture, darkening: BlurredLayer) -> Picture:
@@ -285,16 +285,16 @@ def multiply(picture: Picture, darkening: BlurredLayer) -> Picture:
     return picture
 
 
-def _behind(loss: Float32, plate: Float32, box: Box, matte: ForegroundMatte) -> Float32:
-    """Loss and its mean (h, w, 4) on a box, of the light that does not come from the foreground."""
-    common = box.intersection(matte.box)
+def _behind(blurred: BlurredShadow, picture: Picture, matte: ForegroundMatte) -> Float32:
+    """Loss and its mean (h, w, 4), of the light that does not come from the foreground."""
+    common = blurred.box.intersection(matte.box)
     if common.empty:
-        return loss
-    light = np.zeros_like(plate)
-    light[common.slices_in(box)] = matte.light[common.slices_in(matte.box)]
-    share = np.ones_like(plate)
-    np.divide(plate - light, plate, out=share, where=plate > 0.0)
-    hidden = matte.coverage[common.slices_in(matte.box)] >= 1.0
-    share[common.slices_in(box)][hidden] = 0.0
-    behind = loss[..., :3] * np.clip(share, 0.0, 1.0)
-    return np.concatenate([behind, behind.mean(axis=2, keepdims=True)], axis=2)
+        return blurred.loss
+    plate, at = picture.linear(common), common.slices_in(matte.box)
+    rest = plate - matte.light[at]
+    share = np.divide(rest, plate, out=np.ones_like(plate), where=plate > 0.0)
+    share[matte.coverage[at] >= 1.0] = 0.0
+    loss = blurred.loss.copy()
+    loss[common.slices_in(blurred.box)][..., :3] *= np.clip(share, 0.0, 1.0)
+    loss[..., 3] = channel_sum(loss) / np.float32(3.0)
+    return loss
