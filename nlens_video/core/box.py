@@ -50,6 +50,13 @@ class Box:
         return self.height, self.width
 
     @property
+    def area(self) -> int:
+        """Pixels, 0 where the box is empty."""
+        if self.x1 <= self.x0 or self.y1 <= self.y0:
+            return 0
+        return (self.x1 - self.x0) * (self.y1 - self.y0)
+
+    @property
     def empty(self) -> bool:
         """Whether it holds no pixel."""
         return self.x1 <= self.x0 or self.y1 <= self.y0

@@ -8,7 +8,7 @@ from nlens_video.core.layers import Box
 from nlens_video.effects.foreground.appearance import AppearanceModel
 from nlens_video.effects.foreground.background import sqrt_light
 from nlens_video.effects.foreground.detection import detect
-from nlens_video.effects.foreground.mutual_occlusion import MergedTarget, localize
+from nlens_video.effects.foreground.mutual_occlusion import MergedTarget, _Moved, localize
 from nlens_video.effects.foreground.tracker import Tracker
 
 SHAPE = (120, 260)
@@ -44,6 +44,39 @@ def tracked(frames):
         feet = [NEAR_FOOT if one.foot[1] > 95 else FAR_FOOT for one in detections]
         tracker.add(index, detections, feet, OBJECT, (roots, mask))
     return tracker
+
+
+def steadiness(tracker, region, remaining):
+    """That of a tracker, from all frames of all tracks."""
+    judged = [
+        one for one in tracker._tracks
+        if len(one.frames) >= 8 and one.travels
+        and any(not box.intersection(region).empty for box in one.boxes)
+    ]  # fmt: skip
+    areas = [float(np.median([box.width * box.height for box in one.boxes])) for one in judged]
+    frames = sum(area * len(one.frames) for area, one in zip(areas, judged, strict=True))
+    jumps = sum(area * one.jump_count for area, one in zip(areas, judged, strict=True))
+    return 1.0 - jumps / ((1.0 + remaining) * frames) if frames else 1.0
+
+
+def test_steadiness_after_each_frame_is_that_of_the_whole_history_through_merging_and_splitting():
+    region, tracker, seen = Box(90, 0, 170, 120), Tracker(), set()
+    for index in range(70):
+        up = 10 if index % 9 == 8 else 0  # it jumps
+        targets = [
+            (far_box(104 + index).translated(0, -up), GREEN),
+            (near_box(110 - 2 * index), RED),
+        ]
+        if index >= 45:  # somebody else follows
+            targets.append((near_box(6 * index - 270), RED))
+        roots, mask = image(*targets)
+        feet = [NEAR_FOOT if one.foot[1] > 95 else FAR_FOOT for one in detect(mask)]
+        tracker.add(index, detect(mask), feet, OBJECT, (roots, mask))
+        for remaining in (0.0, 1.5):
+            got = tracker.steadiness(region, remaining)
+            assert got == steadiness(tracker, region, remaining)
+            seen.add(got)
+    assert len(seen) > 10 and min(seen) < 1.0
 
 
 def centres(states):
@@ -114,6 +147,16 @@ def test_targets_are_localized_where_colours_and_silhouettes_explain_the_blob():
     assert abs(first.box.x0 - 85) <= 1 and abs(second.box.x0 - 100) <= 1
     assert first.visibility > 0.85 and second.visibility < 0.4
     assert min(first.evidence, second.evidence) > 8.0
+
+
+def test_each_shift_of_a_target_that_is_searched_is_its_coverage_there():
+    model = AppearanceModel()
+    model.update(*image((near_box(20), RED)), near_box(20))
+    target, window = MergedTarget(model, near_box(79)), Box(40, 3, 141, 117)
+    moved = _Moved.of(target, window)
+    for shift in range(-moved.reach, moved.reach + 1):
+        expected = model.coverage(near_box(79 + shift), window)
+        np.testing.assert_allclose(moved.by(shift), expected, atol=1e-6)
 
 
 def test_a_target_that_is_not_there_gets_no_evidence():

@@ -51,9 +51,9 @@ def associate(
                 left = [one for one in left if all(one is not other for other in group)]
     for track in left:
         predicted = _central_box(track.predict(index))
-        common = [box_area(predicted.intersection(one.box)) for one in detections]
+        common = [predicted.intersection(one.box).area for one in detections]
         i = int(np.argmax(common)) if common else 0
-        if common and common[i] > _MIN_OVERLAP_WITH_PREDICTION * box_area(predicted):
+        if common and common[i] > _MIN_OVERLAP_WITH_PREDICTION * predicted.area:
             assigned.setdefault(i, []).append(track)
     return {i: _members(candidates, index, detections[i].box) for i, candidates in assigned.items()}
 
@@ -75,8 +75,8 @@ def find_fragments(
             candidates = [
                 number for number, other in enumerate(detections)
                 if number not in assigned
-                and box_area(predicted.intersection(other.box))
-                > _MIN_FRAGMENT_OVERLAP * box_area(other.box)
+                and predicted.intersection(other.box).area
+                > _MIN_FRAGMENT_OVERLAP * other.box.area
                 and min(main.y1, other.box.y1) - max(main.y0, other.box.y0) < 1
             ]  # fmt: skip
             taken = {number for _, numbers in found for number in numbers}
@@ -109,9 +109,9 @@ def _members(candidates: list[Track], index: int, box: Box) -> list[Track]:
 def may_contain(blob_box: Box, box: Box) -> bool:
     """Whether the blob of a bounding box may be a merged one that contains a target's box."""
     central = _central_box(box)
-    common = box_area(central.intersection(blob_box))
+    common = central.intersection(blob_box).area
     return (
-        common > _MIN_OVERLAP_IN_GROUP * box_area(central)
+        common > _MIN_OVERLAP_IN_GROUP * central.area
         and box.height > _MIN_HEIGHT_IN_GROUP * blob_box.height
     )
 
@@ -196,17 +196,12 @@ def _centre_x(box: Box) -> float:
     return 0.5 * (box.x0 + box.x1)
 
 
-def box_area(box: Box) -> int:
-    """Pixels of a box; 0 of an empty one."""
-    return max(0, box.width) * max(0, box.height)
-
-
 def overlap_fraction(one: Box, other: Box) -> float:
     """Area of the intersection, by that of the smaller box [1]."""
-    return box_area(one.intersection(other)) / max(1, min(box_area(one), box_area(other)))
+    return one.intersection(other).area / max(1, min(one.area, other.area))
 
 
 def _iou(one: Box, other: Box) -> float:
     """Intersection over union [1]."""
-    common = box_area(one.intersection(other))
-    return common / max(1, box_area(one) + box_area(other) - common)
+    common = one.intersection(other).area
+    return common / max(1, one.area + other.area - common)

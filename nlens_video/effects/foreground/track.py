@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import islice
@@ -70,6 +70,7 @@ class Track:
     appearance: AppearanceModel = field(default_factory=AppearanceModel)
     _isolated_count: int = 0
     _predictions: dict[int, Box] = field(default_factory=dict)
+    _passages: dict[Box, tuple[float, int, int] | None] = field(default_factory=dict)
 
     def add_isolated(
         self, index: int, detection: Detection, foot: float, contact: float,
@@ -108,12 +109,13 @@ class Track:
             foot: disparity of the ground at its foot [1 / scene unit].
             contact: that of the object's contact with the ground [1 / scene unit].
         """
-        i = self.frames.index(index) if index in self.frames else 0
-        if index in self.frames:
+        known = self._number(index)
+        i = known or 0
+        if known is not None:
             self._isolated_count -= self.isolated[i]
             for column in self._table:
                 del column[i]
-        self._predictions.clear()
+        self._forget()
         torso = 0.5 * (location.box.x0 + location.box.x1 - 1)
         row = index, location.box, blob.blob_box, torso, foot, contact, blob.truncated, False
         for column, value in zip(self._table, row, strict=True):
@@ -121,11 +123,16 @@ class Track:
 
     def is_in_blob(self, index: int, blob: Detection) -> bool:
         """Whether it is in a blob of a frame."""
-        return index in self.frames and self.blob_boxes[self.frames.index(index)] == blob.blob_box
+        return (i := self._number(index)) is not None and self.blob_boxes[i] == blob.blob_box
 
     def is_isolated(self, index: int) -> bool:
         """Whether it is isolated on a frame."""
-        return index in self.frames and self.isolated[self.frames.index(index)]
+        return (i := self._number(index)) is not None and self.isolated[i]
+
+    def _number(self, index: int) -> int | None:
+        """Which of its frames, in their order, a frame is; None if it is none."""
+        i = bisect_left(self.frames, index)
+        return i if self.frames[i : i + 1] == [index] else None
 
     def displacement_px(self, i: int) -> float:
         """Sideways displacement from the frame before to its i-th one [px].
@@ -149,13 +156,18 @@ class Track:
     def _append(
         self, index: int, box: Box, blob_box: Box, column: float, foot: float, contact: float
     ) -> None:
-        self._predictions.clear()
+        self._forget()
         self.frames.append(index)
         self.boxes.append(box)
         self.blob_boxes.append(blob_box)
         self.torso_columns.append(column)
         self.foot_disparities.append(foot)
         self.contact_disparities.append(contact)
+
+    def _forget(self) -> None:
+        """What was told of the frames until now."""
+        self._predictions.clear()
+        self._passages.clear()
 
     @property
     def confirmed(self) -> bool:
@@ -173,6 +185,18 @@ class Track:
     def last_foot_disparity(self) -> float:
         """Disparity of the ground at its foot where that was last seen [1 / scene unit]."""
         return next((foot for foot in reversed(self.foot_disparities) if not math.isnan(foot)), 0.0)
+
+    def passage(self, region: Box) -> tuple[float, int, int] | None:
+        """Median area of its box [px^2], number of its frames, and of those on which it jumps.
+
+        Kept until it has another frame. None if it does not travel through the region.
+        """
+        if region not in self._passages:
+            self._passages[region] = None
+            if any(not box.intersection(region).empty for box in self.boxes) and self.travels:
+                area = float(np.median([box.area for box in self.boxes]))
+                self._passages[region] = area, len(self.frames), self.jump_count
+        return self._passages[region]
 
     @property
     def travels(self) -> bool:

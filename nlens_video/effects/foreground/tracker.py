@@ -16,7 +16,6 @@ from nlens_video.core.layers import Bool, Box, Float32, UInt8
 from nlens_video.effects.foreground.appearance import AppearanceModel
 from nlens_video.effects.foreground.association import (
     associate,
-    box_area,
     find_fragments,
     may_contain,
     merge_fragments,
@@ -113,7 +112,7 @@ class Tracker:
         taken = {id(one) for members in assigned.values() for one in members}
         free = [one for one in free if id(one) not in taken]
         main = set(range(len(detections))) - {i for _, numbers in fragments for i in numbers}
-        for number in sorted(main, key=lambda i: -box_area(detections[i].box)):
+        for number in sorted(main, key=lambda i: -detections[i].box.area):
             members = assigned.get(number, [])
             if len(members) > 1:
                 for one, location, shows_foot in _localize(members, frame, detections[number]):
@@ -173,14 +172,10 @@ class Tracker:
             region: of the frame at low resolution.
             remaining: frames to come, by those seen so far, taken to be without jumps [1].
         """
-        judged = [
-            one for one in self._tracks
-            if len(one.frames) >= _MIN_STEADY_FRAMES and one.travels
-            and any(not box.intersection(region).empty for box in one.boxes)
-        ]  # fmt: skip
-        areas = [float(np.median([box_area(box) for box in one.boxes])) for one in judged]
-        frames = sum(area * len(one.frames) for area, one in zip(areas, judged, strict=True))
-        jumps = sum(area * one.jump_count for area, one in zip(areas, judged, strict=True))
+        long = [one for one in self._tracks if len(one.frames) >= _MIN_STEADY_FRAMES]
+        judged = [way for one in long if (way := one.passage(region)) is not None]
+        frames = sum(area * count for area, count, _ in judged)
+        jumps = sum(area * jumped for area, _, jumped in judged)
         return 1.0 - jumps / ((1.0 + remaining) * frames) if frames else 1.0
 
     def states(self) -> dict[int, tuple[TrackState, ...]]:
