@@ -144,12 +144,16 @@ class Measures:
         Registered with its shadow and without: `solid` and `blocks` are the latter's.
         """
         known = len(track.frames) > 1 and track.frames[-2] == look.index - 1
-        for template, shown in zip(track.templates, (look, solid), strict=False):
-            track.steps.extend((template.step(shown) if known else NOT_KNOWN).tolist())
-        if not track.templates:
-            track.steps.extend((*NOT_KNOWN, *NOT_KNOWN))
+        step, solid_step = NOT_KNOWN, NOT_KNOWN
+        if known:
+            whole, inner = track.templates
+            step = whole.step(look)
+            alike = inner is whole and solid is look
+            solid_step = step if alike else inner.step(solid)
+        track.steps.extend((*step.tolist(), *solid_step.tolist()))
         track.plate_steps.extend(self.drift.plate_step_px.tolist())
-        track.templates = Template.of(look, track.mask), Template.of(solid, blocks)
+        whole = Template.of(look, track.mask)
+        track.templates = whole, whole if solid is look else Template.of(solid, blocks)
 
 
 def _fade(pair: Pair) -> float:

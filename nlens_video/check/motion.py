@@ -153,13 +153,13 @@ class Template:
             there = cv2.warpAffine(
                 picture, matrix, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
             )
-            plate, shown, known = cv2.split(there)
+            plate, shown, known = (np.asarray(one, np.float32) for one in cv2.split(there))
             within = np.asarray(np.minimum(known, self.known) > 0.99, np.float32)
             valid = cv2.erode(within, rim)
             off = self.colour - self.alpha * plate - shown
             slopes = [
-                np.gradient(shown, axis=axis) + self.alpha * np.gradient(plate, axis=axis)
-                for axis in (1, 0)
+                across + self.alpha * below
+                for across, below in zip(_gradients(shown), _gradients(plate), strict=True)
             ]
             off, *slopes = (cv2.GaussianBlur(valid * one, (0, 0), soft) for one in (off, *slopes))
             total = max(float((valid * self.alpha).sum()), 1.0)
@@ -170,6 +170,16 @@ class Template:
             move = np.linalg.solve(normal, steep @ off.ravel() / total)
             place = place + move
         return place if np.abs(move).max() < _UNSETTLED_PX else NOT_KNOWN
+
+
+def _gradients(values: Float32) -> tuple[Float32, Float32]:
+    """Slope (h, w) to the right and down: that of both neighbours, at a border of one."""
+    found = np.empty_like(values), np.empty_like(values)
+    for slope, line in ((found[0].T, values.T), (found[1], values)):
+        np.subtract(line[2:], line[:-2], out=slope[1:-1])
+        slope[1:-1] *= np.float32(0.5)
+        slope[0], slope[-1] = line[1] - line[0], line[-1] - line[-2]
+    return found
 
 
 def _cells(blocks: Bool) -> Bool:
