@@ -56,19 +56,18 @@ def foreground_light(plate: Float32, coverage: Float32, corner: tuple[int, int])
         Premultiplied light (h, w, 3), between 0 and the plate.
     """
     front, back = coverage >= 1.0 - _PURE, coverage <= _PURE
-    m = coverage[..., None]
-    free = np.float32(1.0) - m
+    free = np.float32(1.0) - coverage
     if not back.any():
-        return np.asarray(m * plate, dtype=np.float32)
-    behind_it = inpainted(plate, back, corner)
+        return scaled_pixels(plate, coverage)
+    rest = scaled_pixels(inpainted(plate, back, corner), free)
     if front.any():
-        alone = inpainted(plate, front, corner)
-        missing = plate - m * alone - free * behind_it
-        light = m * alone + (m * m / (m * m + free * free)) * missing
+        own = scaled_pixels(inpainted(plate, front, corner), coverage)
+        of_own = coverage * coverage / (coverage * coverage + free * free)
+        light = own + scaled_pixels(plate - own - rest, of_own)
     else:
-        light = plate - free * behind_it
-    light = np.where(coverage[..., None] <= 0.0, np.float32(0.0), light)
-    return np.asarray(np.clip(light, 0.0, np.maximum(plate, 0.0)), dtype=np.float32)
+        light = plate - rest
+    light[coverage <= 0.0] = 0.0
+    return np.clip(light, 0.0, np.maximum(plate, 0.0), out=light)
 
 
 def inpainted(plate: Float32, known: Bool, corner: tuple[int, int]) -> Float32:

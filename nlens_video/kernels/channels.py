@@ -16,16 +16,22 @@ def channel_max(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(np.maximum(first, values[..., 2], out=first))
 
 
-def channel_sum(values: Float32) -> Float32:
+def channel_sum(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Their sum (h, w)."""
-    total = values[..., 0] + values[..., 1]
-    total += values[..., 2]
-    return np.asarray(total)
+    return np.asarray(values[..., 0] + values[..., 1] + values[..., 2])
 
 
 def all_channels(flags: Bool) -> Bool:
     """Whether all three are flagged (h, w)."""
     return np.asarray(flags[..., 0] & flags[..., 1] & flags[..., 2])
+
+
+def any_channel(values: npt.NDArray[Any]) -> Bool:
+    """Whether any of all channels, however many, is not 0 (h, w)."""
+    found = values[..., 0] != 0
+    for channel in range(1, values.shape[-1]):
+        found |= values[..., channel] != 0
+    return np.asarray(found)
 
 
 def scaled_pixels(values: Float32, factors: Float32) -> Float32:

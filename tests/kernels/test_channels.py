@@ -4,6 +4,7 @@ import numpy as np
 
 from nlens_video.kernels.channels import (
     all_channels,
+    any_channel,
     channel_max,
     channel_sum,
     divided_channels,
@@ -20,6 +21,14 @@ def test_maximum_sum_and_flags_are_those_of_numpy_bit_for_bit():
         assert np.array_equal(channel_max(values), values.max(axis=-1))
         assert np.array_equal(channel_sum(values), values.sum(axis=-1))
         assert np.array_equal(all_channels(values > -0.5), (values > -0.5).all(axis=-1))
+
+
+def test_what_has_any_channel_is_that_of_numpy():
+    rgba = np.random.default_rng(4).integers(0, 2, (9, 8, 4)).astype(np.float32)
+    rgba[:3] = 0.0
+    rgba[0, 0, 3] = np.nan
+    assert np.array_equal(any_channel(rgba), (rgba != 0).any(axis=2))
+    assert np.array_equal(any_channel(rgba[..., :3]), rgba[..., :3].any(axis=2))
 
 
 def test_an_unknown_channel_makes_the_maximum_unknown():

@@ -11,6 +11,7 @@ import numpy as np
 
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.effects.shadow.apply import Grid, Shadow
+from nlens_video.kernels.channels import any_channel
 from nlens_video.scene.camera import Camera
 
 LEVEL = 0.02
@@ -79,7 +80,7 @@ def before_shadow(real: DepthMap, surface: Float32, nearest: float, shadow: Shad
     near = (real.depth < nearest) & (real.depth * surface < 1.0 - LEVEL) & (surface > 0.0)
     shadow = shadow.fine
     common = shadow.box.intersection(Box(0, 0, width, height))
-    dark = shadow.loss[common.slices_in(shadow.box)].any(axis=-1)
+    dark = any_channel(shadow.loss[common.slices_in(shadow.box)])
     if (dark & near[common.y0 : common.y1, common.x0 : common.x1]).any():
         near[:] = False
     return DepthMap(np.where(near, real.depth, np.float32(np.inf)))

@@ -18,6 +18,7 @@ from nlens_video.core.optics import Shutter
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.motion_blur import NEGLIGIBLE_SPAN_PX
 from nlens_video.graph.base.view import ScreenBounds, View, bounds_near_frame
+from nlens_video.kernels.channels import any_channel
 from nlens_video.kernels.scatter.furthest import furthest_reach
 from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
@@ -241,7 +242,7 @@ def covered_part(layer: ObjectLayer) -> ObjectLayer | None:
     Light without alpha, such as a flame's, gets a trace of it: it belongs to the object, with a
     depth, a CoC and an outline of its own.
     """
-    covered = (layer.rgba != 0).any(axis=2)
+    covered = any_channel(layer.rgba)
     rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
     if not rows.size:
         return None
