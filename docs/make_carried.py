@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from nlens_video.core.errors import NlensError
 from nlens_video.video.input.source import open_source
 from nlens_video.video.output.sink import open_sink
 
@@ -121,16 +120,14 @@ def _probe(path: Path) -> Probe | None:
     return json.loads(done.stdout) if done.returncode == 0 else None
 
 
-def _write(plate: Path, out: Path) -> bool:
-    try:
-        with open_source(str(plate)) as source, open_sink(str(out), source.info) as sink:
-            source.packet_sink = sink.write_packet
-            for frame in source:
-                sink.write(frame)
-            sink.commit()
-    except NlensError:
-        return False
-    return True
+def _write(plate: Path, out: Path) -> tuple[str, ...]:
+    """Copy a plate; what the summary says of it."""
+    with open_source(str(plate)) as source, open_sink(str(out), source.info) as sink:
+        source.packet_sink = sink.write_packet
+        for frame in source:
+            sink.write(frame)
+        sink.commit()
+        return tuple(sink.notes)
 
 
 def _prepare(folder: Path) -> None:
@@ -155,7 +152,10 @@ def cells(row: Row, containers: Sequence[str], folder: Path) -> list[str]:
     result = []
     for container in containers:
         ours, theirs = folder / f"ours.{container}", folder / f"theirs.{container}"
-        kept = _left(row, ours) if _write(plate, ours) else ""
+        notes = _write(plate, ours)
+        kept = _left(row, ours)
+        if not kept and not any("out" in note or "upright" in note for note in notes):
+            raise RuntimeError(f"{ours.name} has lost {row.name}, and nothing says so")
         copied = _run(folder, f"-i {row.file} -map 0 -c copy {theirs.name}")
         same, theirs_same = kept == before, copied and _left(row, theirs) == before
         sign = {(True, False): " (+)", (False, True): " (−)"}.get((same, theirs_same), "")

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import av
 import pytest
-from support.clips import copy_range, noise_frame, planes
+from support.clips import copy, copy_range, noise_frame, planes
 
 RATE = 25
 
@@ -32,6 +32,25 @@ def pictures(path):
         if len(source.streams.video) < 2:
             return []
         return [(frame.time, planes(frame)[0].tolist()) for frame in source.decode(video=1)]
+
+
+@pytest.mark.parametrize("plate_ending", ["mp4", "mkv", "avi"])
+def test_second_video_of_h264_is_copied_into_avi(tmp_path, plate_ending):
+    """AVI takes H.264 with start codes alone, which files of ISO media and Matroska have not."""
+    plate = write_two_videos(tmp_path / f"in.{plate_ending}", group=16)
+    notes = copy(plate, tmp_path / "out.avi")
+    assert not [note for note in notes if "(video)" in note]
+    expected, found = pictures(plate), pictures(tmp_path / "out.avi")
+    assert [samples for _, samples in found] == [samples for _, samples in expected]
+
+
+@pytest.mark.parametrize("ending", ["mp4", "mkv", "ts", "nut"])
+def test_second_video_of_a_matroska_file_keeps_its_first_pictures(tmp_path, ending):
+    """FFmpeg finds no decoding times for these where pictures are reordered."""
+    plate = write_two_videos(tmp_path / "in.mkv", group=16)
+    assert copy(plate, tmp_path / f"out.{ending}") == ()
+    expected, found = pictures(plate), pictures(tmp_path / f"out.{ending}")
+    assert [samples for _, samples in found] == [samples for _, samples in expected]
 
 
 @pytest.mark.parametrize("ending", ["mp4", "mkv", "ts"])

@@ -18,6 +18,10 @@ _DECODING = 64
 """Frames by which decoded pictures are behind the packets that are read, at the most [1]."""
 
 
+_UNDATED = 32
+"""Packets without a decoding time that wait for one; 16 pictures at most are reordered [1]."""
+
+
 class _Waiting(NamedTuple):
     """A packet that was read.
 
@@ -37,6 +41,7 @@ class PassedPackets:
 
     def __init__(self) -> None:
         self._waiting: deque[_Waiting] = deque()
+        self._undated: dict[int, list[Packet]] = {}
         self._part = self._settled = self._shown = 0
         self._last: int | None = None  # of the pictures' packets [ticks]
         self._now_s: Fraction | None = None  # the same
@@ -56,7 +61,24 @@ class PassedPackets:
         return begins
 
     def add(self, packet: Packet) -> None:
-        """Add a packet that was read."""
+        """Add a packet that was read.
+
+        Matroska stores no decoding times, and FFmpeg finds none for a video's first packets where
+        pictures are reordered. These wait for the next one and count back from its time.
+        """
+        undated = self._undated.setdefault(packet.stream.index, [])
+        if packet.dts is None:
+            if packet.pts is not None and len(undated) < _UNDATED:
+                undated.append(packet)
+            return
+        dts = packet.dts
+        for one in reversed(undated):
+            dts = one.dts = dts - max(1, one.duration or 0)
+        for one in (*undated, packet):
+            self._add(one)
+        undated.clear()
+
+    def _add(self, packet: Packet) -> None:
         part = self._parts.get(packet.stream.index, 0)
         if part < self._part and packet.dts is not None and self._now_s is not None:
             at_s = packet.dts * Fraction(packet.time_base or 1)
@@ -74,6 +96,8 @@ class PassedPackets:
             ended: whether no further picture comes.
         """
         self._shown = clock.frames
+        if ended:
+            self._date_the_last()
         while self._waiting:
             packet, part, frame = self._waiting[0]
             offsets = clock.offsets
@@ -85,6 +109,14 @@ class PassedPackets:
             offset = offsets[min(part, len(offsets)) - 1] if part and offsets else 0
             if self._shifted(packet, offset * clock.time_base):
                 yield packet
+
+    def _date_the_last(self) -> None:
+        """Decode what still waits for a time as it is shown."""
+        for undated in self._undated.values():
+            for one in undated:
+                one.dts = one.pts
+                self._add(one)
+            undated.clear()
 
     def _shifted(self, packet: Packet, offset_s: Fraction) -> bool:
         """Shift a packet in place; whether it comes after the one before."""

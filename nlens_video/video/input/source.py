@@ -254,7 +254,7 @@ class AvSource(Source):
         """Take a packet of another stream."""
         if is_cover(packet.stream):
             self._covers.setdefault(packet.stream.index, bytes(packet))
-        elif packet.dts is not None and packet.stream in self._copied:
+        elif packet.stream in self._copied and (packet.size or packet.dts is not None):
             self._passed.add(packet)
             if self._started:
                 self._pass_on()

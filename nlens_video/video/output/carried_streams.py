@@ -7,24 +7,15 @@ from typing import NamedTuple
 
 import av
 import av.container
-from av.stream import Disposition, Stream
-from av.video.stream import VideoStream
+from av.bitstream import BitStreamFilterContext
+from av.stream import Stream
 
 from nlens_video.video.info import CopiedStream, Packet, SourceInfo
 from nlens_video.video.output.audio import AudioEncoder, SubtitleEncoder
-from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream
-from nlens_video.video.output.languages import set_languages
+from nlens_video.video.output.containers import MP4_FAMILY, copy_of, holds_stream, start_codes
+from nlens_video.video.output.tags import set_file_tags, set_languages
 from nlens_video.video.times.start import begins_at_zero, moved_sound
 
-_SKIPPED_METADATA = ("major_brand", "minor_version", "compatible_brands", "encoder")
-_OF_THE_OLD_PICTURES = (
-    "encoder", "duration", "bps", "number_of_", "_statistics_", "rotate", "alpha_mode",
-)  # fmt: skip
-"""Prefixes of tags that do not hold for newly encoded pictures."""
-_TIMECODE = ("mov", "mp4", "mxf", "matroska", "webm", "nut", "dv", "gxf")
-"""Containers that store the timecode of the first frame."""
-_ROTATION = (*MP4_FAMILY, "matroska", "webm")
-"""Containers that store by how much pictures are turned when they are shown."""
 _PAIRED = ("mxf", "dv")
 """Containers whose muxers hold pictures until the streams of sound reach them, or drop them."""
 _LATEST_SOUND_S = 10
@@ -48,7 +39,7 @@ class _Written(NamedTuple):
 
 
 class CarriedStreams:
-    """The other streams of a result, its metadata and its chapters.
+    """The other streams of a result, and its tags.
 
     Args:
         container: the result, whose video stream exists.
@@ -65,6 +56,7 @@ class CarriedStreams:
         self._container = container
         self._name = container.format.name
         self._types = {one.index: one.type for one in info.copied}
+        self._filters: dict[int, BitStreamFilterContext] = {}
         self._targets: dict[int, Stream | AudioEncoder | SubtitleEncoder] = {}
         self._covers: list[tuple[Stream, bytes]] = []
         self._hidden: dict[int, Packet] = {}  # the last packet of each sound that is not shown
@@ -73,14 +65,10 @@ class CarriedStreams:
         self._awaited: dict[int, bool] = {}
         self._found: list[str] = []
         added = [self._add(stream) for stream in info.copied]
-        self.notes = (*(note for note in added if note), *set_languages(container))
-        if _has_timecode(info) and self._name not in _TIMECODE:
-            self.notes += (f"the timecode is left out: {self._name} has no place for it",)
-        for key, value in info.metadata.items():
-            if key not in _SKIPPED_METADATA:
-                container.metadata[key] = value
-        if info.chapters:
-            container.set_chapters(list(info.chapters))
+        self.notes = (
+            *(note for note in added if note), *set_languages(container),
+            *set_file_tags(container, info),
+        )  # fmt: skip
 
     @property
     def later_notes(self) -> tuple[str, ...]:
@@ -174,7 +162,9 @@ class CarriedStreams:
         moved = moved_sound(self._name, stream)
         paired = stream.type == "audio" and self._name in _PAIRED
         if not moved and not paired and holds_stream(self._name, stream):
-            self._targets[stream.index] = copy_of(self._container, stream.stream)
+            self._targets[stream.index] = target = copy_of(self._container, stream.stream)
+            if found := start_codes(self._name, stream.stream, target):
+                self._filters[stream.index] = found
             if stream.cut and stream.type == "video":
                 self._awaited[stream.index] = False
             return ""
@@ -220,7 +210,12 @@ class CarriedStreams:
 
         Some recorders write such sound, and rounding to a muxer's ticks makes it.
         """
-        index, dts, last = packet.stream_index, packet.dts, self._last.get(packet.stream_index)
+        index = packet.stream_index
+        if index in self._filters:
+            base = packet.time_base
+            (packet,) = self._filters[index].filter(packet)
+            packet.time_base = base
+        dts, last = packet.dts, self._last.get(index)
         at_s = None if dts is None else dts * Fraction(packet.time_base or 1)
         packet.stream = target
         try:
@@ -266,34 +261,3 @@ def _end_by(packet: Packet, end_s: Fraction) -> None:
     begun = packet.pts if packet.pts is not None else packet.dts
     if begun is not None and packet.time_base and packet.duration:
         packet.duration = min(packet.duration, max(0, round(end_s / packet.time_base) - begun))
-
-
-def holds_rotation(container: str) -> bool:
-    """Whether a container says that its pictures are to be turned.
-
-    Args:
-        container: FFmpeg's name of the muxer.
-    """
-    return container in _ROTATION
-
-
-def _has_timecode(info: SourceInfo) -> bool:
-    return "timecode" in map(str.lower, (*info.stream_metadata, *info.metadata))
-
-
-def set_tags(stream: VideoStream, info: SourceInfo) -> None:
-    """Copy the video stream's tags and dispositions."""
-    for key, value in info.stream_metadata.items():
-        if not key.lower().startswith(_OF_THE_OLD_PICTURES):
-            stream.metadata[key] = value
-    if stream.pix_fmt == "yuva420p" and stream.name in ("libvpx", "libvpx-vp9"):
-        stream.metadata["alpha_mode"] = "1"
-    stream.disposition = Disposition(info.disposition)
-
-
-def sample_entry(container: str, codec: str) -> str:
-    """Sample entry (codec tag) that replaces FFmpeg's default; empty for the default.
-
-    Apple's players require `hvc1` for HEVC: all parameter sets are in the header, as here.
-    """
-    return "hvc1" if container in MP4_FAMILY and codec == "libx265" else ""

@@ -15,10 +15,13 @@ from itertools import product
 
 import av
 import av.container
+from av.bitstream import BitStreamFilterContext
 from av.stream import Stream
+from av.video.codeccontext import VideoCodecContext
 from av.video.stream import VideoStream
 
 from nlens_video.video.info import CopiedStream, FrameTags, is_cover
+from nlens_video.video.output.encoders import some_format
 from nlens_video.video.output.recent_codecs import canonical, is_recent
 from nlens_video.video.output.trials import (
     add_needed_video,
@@ -44,6 +47,11 @@ _ALPHA_BESIDE = ("libvpx", "libvpx-vp9")
 """Encoders whose alpha is a second stream, which only Matroska can store."""
 _USUAL = frozenset(product(("mp4", "mov", "matroska"), ("libx264", "libx265", "aac")))
 """Muxers that hold what encoders make, known without a trial, which takes 30 ms of a start."""
+_DESCRIBED = ("mp4", "mov", "matroska", "webm", "nut")
+"""Muxers that hold title and chapters, known without a trial."""
+_CHAPTER: av.container.Chapter = {
+    "id": 0, "start": 0, "end": 40, "time_base": Fraction(1, 1000), "metadata": {},
+}  # fmt: skip
 _TELLING = ("libx264", "libx264rgb", "libx265")
 """Encoders whose pictures say their colour themselves, known without a trial."""
 _KNOWN_BY_PACKETS = {("mpegts", "dts")}  # the empty packets of a trial are not recognised
@@ -142,6 +150,30 @@ def read_language(container: str, encoder: str, language: str) -> str:
     return max(trial(container, write, lambda one: one.metadata.get("language", "")), default="")
 
 
+@cache
+def holds_title_and_chapters(container: str) -> tuple[bool, bool]:
+    """Whether FFmpeg reads a file's title, and its chapters, again; yes where no trial tells.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+    """
+    if container in _DESCRIBED or av.ContainerFormat(container, "w").no_file:
+        return True, True
+
+    def write(out: av.container.OutputContainer) -> None:
+        encoder = out.default_video_codec
+        pictures = add_video(out, encoder, some_format(encoder))
+        out.metadata["title"] = "title"
+        out.set_chapters([_CHAPTER])
+        write_video(out, pictures)
+
+    def look(stream: Stream) -> tuple[bool, bool]:
+        whole = stream.container
+        return whole.metadata.get("title") == "title", bool(whole.chapters())
+
+    return max(trial(container, write, look), default=(True, True))
+
+
 def holds_stream(container: str, stream: CopiedStream) -> bool:
     """Whether a container holds the packets of a stream.
 
@@ -186,6 +218,23 @@ def copy_of(container: av.container.OutputContainer, template: Stream) -> Stream
     stream.metadata.update(template.metadata)
     stream.disposition = template.disposition
     return stream
+
+
+def start_codes(container: str, template: Stream, stream: Stream) -> BitStreamFilterContext | None:
+    """A filter that gives packets of H.264 start codes, without which AVI refuses them.
+
+    None where they are not needed, or are there.
+
+    Args:
+        container: FFmpeg's name of the muxer.
+        template: of the source.
+        stream: its copy by `copy_of`.
+    """
+    context = template.codec_context
+    if container != "avi" or not isinstance(context, VideoCodecContext) or context.name != "h264":
+        return None
+    lengths = (context.extradata or b"").startswith(b"\1")  # the header of ISO media files
+    return BitStreamFilterContext("h264_mp4toannexb", template, stream) if lengths else None
 
 
 def _encoder_of(stream: CopiedStream) -> str:

@@ -22,12 +22,7 @@ from nlens_video.video.info import Packet, SourceFrame, SourceInfo, upright
 from nlens_video.video.interfaces import Sink
 from nlens_video.video.matroska_aspect import CONTAINERS as HEADERS
 from nlens_video.video.matroska_aspect import write_display_size
-from nlens_video.video.output.carried_streams import (
-    CarriedStreams,
-    holds_rotation,
-    sample_entry,
-    set_tags,
-)
+from nlens_video.video.output.carried_streams import CarriedStreams
 from nlens_video.video.output.containers import holds_aspect, holds_video, read_tags
 from nlens_video.video.output.encoder_threads import (
     open_in_background,
@@ -36,6 +31,7 @@ from nlens_video.video.output.encoder_threads import (
 )
 from nlens_video.video.output.encoding import Encoding, choose_encoding, encoder_clock
 from nlens_video.video.output.stream_output import Muxer, StreamOutput, is_stream, muxer
+from nlens_video.video.output.tags import holds_rotation, sample_entry, set_tags
 from nlens_video.video.output.trials import UNOFFICIAL, plays
 from nlens_video.video.pixels.display_codes import display_coded
 from nlens_video.video.pixels.picture import picture_frame

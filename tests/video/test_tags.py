@@ -1,10 +1,11 @@
-"""Languages of sound and subtitles, in the codes that readers of the result find."""
+"""Tags of a result that readers find: title, chapters, and languages in their codes."""
 
+import av
 import pytest
 from support.clips import copy
 from support.programs import made, streams
 
-from nlens_video.video.output.languages import held_language
+from nlens_video.video.output.tags import held_language
 
 SAID = "1\n00:00:00,000 --> 00:00:00,300\nHello\n"
 
@@ -65,3 +66,37 @@ def test_language_that_a_container_has_no_code_for_is_told(tmp_path, ending, sou
 @pytest.mark.parametrize("container", ["hls", "yuv4mpegpipe"])
 def test_language_stays_where_nothing_tells_what_is_held(container):
     assert held_language(container, "deu") == "deu"
+
+
+@pytest.mark.parametrize(
+    ("name", "lost"),
+    [
+        ("out.mp4", []), ("out.mkv", []), ("out.nut", []),
+        ("out.avi", ["chapters are left out: avi has no place for them"]),
+        ("out.ts", [
+            "the title is left out: mpegts has no place for it",
+            "chapters are left out: mpegts has no place for them",
+        ]),
+    ],
+)  # fmt: skip
+def test_title_and_chapters_are_kept_or_said_to_be_left_out(tmp_path, name, lost):
+    (tmp_path / "t.txt").write_text(
+        ";FFMETADATA1\ntitle=T\n[CHAPTER]\nTIMEBASE=1/1000\nSTART=0\nEND=300\ntitle=One\n"
+    )
+    said = made(
+        "-f", "lavfi", "-i", "testsrc2=s=64x48:r=25:d=0.4", "-i", tmp_path / "t.txt",
+        "-map_metadata", "1", "-c:v", "libx264", tmp_path / "in.mkv",
+    )  # fmt: skip
+    notes = copy(said, tmp_path / name)
+    assert [one for one in notes if "title" in one or "chapters" in one] == lost
+    with av.open(str(tmp_path / name)) as found:
+        assert (found.metadata.get("title") == "T") == ("title" not in "".join(lost))
+        assert bool(found.chapters()) == ("chapters" not in "".join(lost))
+
+
+def test_nothing_is_said_of_a_title_that_the_plate_does_not_have(tmp_path):
+    said = made(
+        "-f", "lavfi", "-i", "testsrc2=s=64x48:r=25:d=0.4", "-c:v", "mpeg2video",
+        tmp_path / "in.mkv",
+    )  # fmt: skip
+    assert not [one for one in copy(said, tmp_path / "out.ts") if "left out" in one]
