@@ -113,6 +113,7 @@ void absorb(const Sums& sums, const Opaque& opaque, Array<const double, 2> point
                     sums.call(y, x) = call;
                     left = 1.0f;
                 }
+                if (left == 0.0f) continue;
                 const float taken = static_cast<float>(stopped({p, q, r}, corners, texture)) * left;
                 sums.taken(y, x) += taken;
                 left -= taken;

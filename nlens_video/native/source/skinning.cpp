@@ -17,7 +17,7 @@ void normalise(double x, double y, double z, float* vector) {
 }
 
 // Turns a normal by rows of 3 x 4 as a surface turns: by the cofactor of their linear part, which
-// is right under uneven scales too. It points out of a mirrored surface, as `posed._cofactor` has it.
+// is right under uneven scales too. It points out of a mirrored surface, as `normal_matrices` has it.
 void turn(const double* m, const float* normal, float* turned) {
     double along[3];
     double determinant = 0.0;
