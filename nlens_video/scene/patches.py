@@ -151,9 +151,9 @@ def _colors(geometry: Geometry, corners: Int32, weights: Float64) -> Float64:
 
 def _texels(use: TextureUse, uv: Float64) -> Float64:
     """Colours (P, 3) of a texture around places on it (P, 4), the texture coordinates 0 and 1."""
-    height, width = use.image.pixels.shape[:2]
-    step = max(1, max(height, width) // _LOOKED_AT)
-    pixels = use.image.pixels[::step, ::step, :3]
+    sample = use.image.picture.sample
+    step = max(1, max(sample.shape[:2]) // _LOOKED_AT)
+    pixels = sample[::step, ::step, :3]
     linear = transfer("iec61966-2-1").to_linear(np.arange(256) / 255.0).astype(np.float32)
     size = tuple(min(side, _TEXELS) for side in pixels.shape[1::-1])
     few = cv2.resize(linear[pixels], size, interpolation=cv2.INTER_AREA)

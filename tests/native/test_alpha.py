@@ -15,7 +15,7 @@ from nlens_video.render.software import raster
 from nlens_video.render.software.shading_inputs import CUT, LAYERED, UNLIT
 from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import surround
-from nlens_video.scene.gltf.textures import Image
+from nlens_video.scene.gltf.textures import Image, Picture
 
 FLAGS = (0, CUT, UNLIT, LAYERED, LAYERED | CUT)
 ROWS = (0, HEIGHT)
@@ -24,7 +24,13 @@ ROWS = (0, HEIGHT)
 def made_paint(rng):
     """Materials with all flags, every second one with textures in all slots."""
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
-    image = Image(pixels=pixels, srgb=True, mag_filter=9729, min_filter=9987, wrap=(10497, 33648))
+    image = Image(
+        picture=Picture(lambda: pixels),
+        srgb=True,
+        mag_filter=9729,
+        min_filter=9987,
+        wrap=(10497, 33648),
+    )
     atlas = Atlas.of([image])
     numbers = rng.random((len(FLAGS), MATERIAL_FLOATS), np.float32)
     maps = np.full((len(FLAGS), len(SLOTS)), -1, np.int32)

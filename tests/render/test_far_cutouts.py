@@ -10,7 +10,7 @@ from nlens_video.core.color import transfer
 from nlens_video.render.base.mipmaps import mipmaps
 from nlens_video.render.opengl.object_renderer import PyrenderObjectRenderer
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
-from nlens_video.scene.gltf.textures import Image
+from nlens_video.scene.gltf.textures import Image, Picture
 
 GREEN = np.array([60, 160, 40], np.uint8)
 SMOOTH = {"magFilter": 9729, "minFilter": 9987}
@@ -54,7 +54,8 @@ def test_far_leaves_keep_their_share_and_their_colour(renderer_class, tmp_path, 
 
 
 def level(pixels, number, **image):
-    rgba = mipmaps(Image(pixels=np.array(pixels, np.uint8), srgb=True, **image))[number]
+    picture = Picture(lambda: np.array(pixels, np.uint8))
+    rgba = mipmaps(Image(picture=picture, srgb=True, **image))[number]
     return rgba / 65535.0
 
 

@@ -55,7 +55,7 @@ def textured(data, fallback=None):
 
 def pixels(builder, tmp_path):
     scene = Scene.load(builder.write(tmp_path / "scene.glb"))
-    return scene.pose(0.0).meshes[0].geometry.material.base_color_texture.image.pixels
+    return scene.pose(0.0).meshes[0].geometry.material.base_color_texture.image.picture.pixels
 
 
 @needs_decoder

@@ -11,6 +11,9 @@ Alpha Mipmaps", 2010); plain averages fall below it, and far leaves would vanish
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -20,45 +23,57 @@ from nlens_video.scene.gltf.textures import LINEAR, NEAREST, Image
 
 Texels = npt.NDArray[np.uint16]
 _ONE = 65535
+_OPAQUE = 255
+
+
+def level_sizes(image: Image) -> list[tuple[int, int]]:
+    """Rows and columns of the picture and, where its sampler wants them, of its halves."""
+    height, width = image.picture.pixels.shape[:2]
+    sizes = [(height, width)]
+    while image.min_filter not in (NEAREST, LINEAR) and max(height, width) > 1:
+        height, width = max(1, height // 2), max(1, width // 2)
+        sizes.append((height, width))
+    return sizes
 
 
 def mipmaps(image: Image) -> list[Texels]:
-    """RGBA (h, w, 4) of the picture and, where its sampler wants them, of its halves."""
-    picture = _decoded(image)
-    levels = [picture]
-    if image.min_filter in (NEAREST, LINEAR):
-        return levels
-    cutoff = image.cutoff
-    if cutoff is None or picture[..., 3].min() == _ONE:
-        _append_halves(levels)
-        return levels
-    levels = [_scaled(picture)]
-    _append_halves(levels)
-    levels = [picture, *(_unscaled(level) for level in levels[1:])]
-    _fill_holes(levels)
-    if cutoff > 0.0:
-        _keep_coverage(levels, cutoff * _ONE)
+    """RGBA (h, w, 4) of each level."""
+    levels: list[Texels] = [np.empty((*size, 4), np.uint16) for size in level_sizes(image)]
+    write_mipmaps(image, levels)
     return levels
 
 
-def _decoded(image: Image) -> Texels:
+def write_mipmaps(image: Image, levels: list[Texels]) -> None:
+    """Write each level to its place (h, w, 4), whose rows may lie apart."""
+    picture, *smaller = levels
+    cv2.LUT(image.picture.pixels, _decoding(srgb=image.srgb), picture)
+    cutoff = image.cutoff
+    if cutoff is None or not smaller or image.picture.pixels[..., 3].min() == _OPAQUE:
+        for larger, level in pairwise(levels):
+            level[...] = _reduced(larger, level)
+        return
+    scaled = _scaled(picture)
+    for level in smaller:
+        scaled = _reduced(scaled, level)
+        _unscale(scaled, level)
+    _fill_holes(levels)
+    if cutoff > 0.0:
+        _keep_coverage(levels, cutoff * _ONE)
+
+
+def _decoding(*, srgb: bool) -> Texels:
+    """What the codes of each channel stand for (1, 256, 4)."""
     codes = np.arange(256) / 255.0
-    straight = np.round(codes * _ONE).astype(np.uint16)
-    linear = transfer("iec61966-2-1").to_linear(codes)
-    decoded = np.round(linear * _ONE).astype(np.uint16) if image.srgb else straight
-    level: Texels = np.empty(image.pixels.shape, np.uint16)
-    level[..., :3] = decoded[image.pixels[..., :3]]
-    level[..., 3] = straight[image.pixels[..., 3]]
-    return level
+    light = transfer("iec61966-2-1").to_linear(codes) if srgb else codes
+    decoded = np.stack([light, light, light, codes], axis=1)
+    return np.round(decoded * _ONE).astype(np.uint16)[None]
 
 
-def _append_halves(levels: list[Texels]) -> None:
-    level = levels[-1]
-    while max(level.shape[:2]) > 1:
-        height, width = max(1, level.shape[0] // 2), max(1, level.shape[1] // 2)
-        half = cv2.resize(level, (width, height), interpolation=cv2.INTER_AREA)
-        level = np.asarray(half, np.uint16).reshape(height, width, 4)
-        levels.append(level)
+def _reduced(larger: Texels, level: Texels) -> Texels:
+    """Means of a level's texels for the next one."""
+    height, width = level.shape[:2]
+    half = cv2.resize(larger, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(half, np.uint16).reshape(level.shape)
 
 
 def _scaled(level: Texels) -> Texels:
@@ -69,12 +84,11 @@ def _scaled(level: Texels) -> Texels:
     return out
 
 
-def _unscaled(level: Texels) -> Texels:
-    """Colours by their alpha, 0 where it is 0."""
-    out = level.copy()
+def _unscale(scaled: Texels, level: Texels) -> None:
+    """Write colours by their alpha, 0 where it is 0."""
+    level[..., 3] = scaled[..., 3]
     for channel in range(3):
-        out[..., channel] = cv2.divide(level[..., channel], level[..., 3], scale=_ONE)
-    return out
+        level[..., channel] = cv2.divide(scaled[..., channel], scaled[..., 3], scale=_ONE)
 
 
 def _fill_holes(levels: list[Texels]) -> None:
@@ -84,7 +98,8 @@ def _fill_holes(levels: list[Texels]) -> None:
         if holes.any():
             height, width = holes.shape
             around = cv2.resize(smaller, (width, height), interpolation=cv2.INTER_LINEAR)
-            level[holes, :3] = around.reshape(height, width, 4)[holes, :3]
+            around = around.reshape(height, width, 4)
+            np.copyto(level[..., :3], around[..., :3], where=holes[..., None])
 
 
 def _keep_coverage(levels: list[Texels], cutoff: float) -> None:
@@ -105,14 +120,14 @@ def _keep_coverage(levels: list[Texels], cutoff: float) -> None:
             np.asarray(cv2.resize(alpha, size, interpolation=cv2.INTER_LINEAR), np.uint16)
             for alpha in alphas[number - 1 : number + 2]
         ]
-        mixed = [
+        mixed = (
             np.asarray(cv2.addWeighted(between[1], 0.5, other, 0.5, 0.0), np.uint16)
             for other in between
-        ]
+        )
         level[..., 3] = _bent(_reached(mixed, share), min(cutoff, _ONE))[level[..., 3]]
 
 
-def _reached(fields: list[Texels], share: float) -> float:
+def _reached(fields: Iterable[Texels], share: float) -> float:
     """The code that a share of some fields (h, w) reaches, as far as can be from all of theirs."""
     counts = np.zeros(_ONE + 1)
     for field in fields:

@@ -39,7 +39,7 @@ class Opacity:
         alpha = np.ones((1, 1), np.float32)
         wrap = (0, 0)
         if image is not None:
-            alpha = image.pixels[..., 3].astype(np.float32) / np.float32(255.0)
+            alpha = image.picture.pixels[..., 3].astype(np.float32) / np.float32(255.0)
             codes = {MIRRORED: 1, CLAMPED: 2}
             wrap = (codes.get(image.wrap[0], 0), codes.get(image.wrap[1], 0))
         cutoff = material.alpha_cutoff if material.alpha_mode == "MASK" else -1.0

@@ -5,10 +5,14 @@ from __future__ import annotations
 import importlib.util
 import io
 import math
+import mmap
 import struct
 import subprocess
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -36,7 +40,44 @@ NEAREST, LINEAR = 9728, 9729
 _MIN_FILTERS = (9728, 9729, 9984, 9985, 9986, 9987)
 _WRAPS = (33071, 33648, 10497)
 _TRILINEAR, _REPEAT = 9987, 10497
-_LOOKED_AT = 512  # texels along a side of a texture whose values are counted
+_LOOKED_AT = 512  # texels of its longer side that tell what a picture is like on the whole
+Pixels = npt.NDArray[np.uint8]
+_Found = TypeVar("_Found")
+
+
+@dataclass(slots=True, eq=False)
+class Picture:
+    """A picture, decoded when its pixels are first asked for.
+
+    Attributes:
+        decode: gives the pixels.
+    """
+
+    decode: Callable[[], Pixels]
+    _pixels: Pixels | None = field(init=False, default=None)
+    _sample: Pixels | None = field(init=False, default=None)
+
+    @property
+    def pixels(self) -> Pixels:
+        """RGBA (H, W, 4), 8 bit, straight alpha, row 0 on top."""
+        pixels = self._pixels
+        if pixels is None:
+            pixels = self._pixels = _in_own_memory(self.decode())
+        return pixels
+
+    @property
+    def sample(self) -> Pixels:
+        """The pixels of evenly spaced rows and columns (h, w, 4)."""
+        if self._sample is None:
+            pixels = self.pixels
+            step = max(1, max(pixels.shape[:2]) // _LOOKED_AT)
+            self._sample = pixels[::step, ::step].copy()
+        return self._sample
+
+    def release(self) -> None:
+        """Free all pixels but the sample's; they are decoded again if still asked for."""
+        _ = self.sample
+        self._pixels = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,7 +85,7 @@ class Image:
     """A texture: its picture and sampler.
 
     Attributes:
-        pixels: RGBA (H, W, 4), 8 bit, straight alpha, row 0 on top.
+        picture: what it shows.
         srgb: whether RGB is sRGB-coded (colour) rather than linear (data).
         mag_filter: OpenGL's code of the filter for enlarging.
         min_filter: OpenGL's code of the filter for shrinking.
@@ -53,7 +94,7 @@ class Image:
             seen; None where alpha tells neither.
     """
 
-    pixels: npt.NDArray[np.uint8]
+    picture: Picture
     srgb: bool
     mag_filter: int = LINEAR
     min_filter: int = _TRILINEAR
@@ -62,8 +103,7 @@ class Image:
 
     def frequencies(self, channel: int) -> Float64:
         """How frequent each of the 256 values of a channel is among its texels (256,); 1 in all."""
-        step = max(1, max(self.pixels.shape[:2]) // _LOOKED_AT)
-        values = self.pixels[::step, ::step, channel]
+        values = self.picture.sample[..., channel]
         return np.bincount(values.ravel(), minlength=256) / values.size
 
 
@@ -93,7 +133,7 @@ class TextureReader:
     """
 
     document: Document
-    _pixels: dict[int, npt.NDArray[np.uint8]] = field(default_factory=dict)
+    _pictures: dict[int, Picture] = field(default_factory=dict)
     _textures: dict[tuple[int, bool, float | None], Image | None] = field(default_factory=dict)
 
     def use(
@@ -155,15 +195,15 @@ class TextureReader:
                 f"{texture.place} has no PNG, JPEG, WebP, AVIF or KTX2 picture; drawn without"
             )
             return None
-        if source not in self._pixels:
-            self._pixels[source] = self._decode(self.document.items("images")[source])
+        if source not in self._pictures:
+            self._pictures[source] = self._picture(self.document.items("images")[source])
         samplers = self.document.items("samplers")
         chosen = texture.reference("sampler", len(samplers))
         sampler = samplers[chosen] if chosen is not None else Fields({}, texture.place)
         enlarged = sampler.choice("magFilter", (NEAREST, LINEAR), LINEAR)
         shrunk = sampler.choice("minFilter", _MIN_FILTERS, _TRILINEAR)
         return Image(
-            pixels=self._pixels[source],
+            picture=self._pictures[source],
             srgb=srgb,
             mag_filter=enlarged,
             # Other filters only save time where texels are not meant to be seen: they flicker.
@@ -175,55 +215,74 @@ class TextureReader:
             cutoff=cutoff,
         )
 
-    def _decode(self, image: Fields) -> npt.NDArray[np.uint8]:
+    def _picture(self, image: Fields) -> Picture:
         views = len(self.document.items("bufferViews"))
         if "uri" in image:
             data = self.document.fetch(image.text("uri"), image.place)
         else:
             data = bytes(self.document.buffer_view(image.integer("bufferView", below=views)))
         if data.startswith(_KTX2):
-            return self._expand(data, image.place)
-        try:
-            with warnings.catch_warnings():
-                # Pillow warns of pictures beyond 89 megapixels: here they are refused.
-                warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
-                with PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
-                    self.document.spend_texture(*picture.size, image.place)
-                    return _rgba(picture)
-        except PIL.UnidentifiedImageError as error:
-            kind = image.text("mimeType")[:40]
-            stated = f" (its mimeType is {kind!r})" if kind else ""
-            came = "is no PNG, JPEG, WebP, AVIF or KTX2 picture" if data else "is empty"
-            raise SceneError(
-                f"{image.place} {came}{stated}; export it again as PNG or JPEG"
-            ) from error
-        except (OSError, ValueError, SyntaxError, *_TOO_LARGE) as error:
-            raise SceneError(
-                f"{image.place} cannot be decoded ({error}); export it again"
-            ) from error
-
-    def _expand(self, data: bytes, place: str) -> npt.NDArray[np.uint8]:
-        """A KTX2 picture."""
-        if importlib.util.find_spec("opengl_basisu") is None:
-            raise SceneError(
-                f"{place} is compressed ({_BASISU}) and the decoder is not installed: "
-                f"pip install nlens-video[ktx2]; or {_EXPAND_FIRST}"
-            )
-        if len(data) < _KTX2_HEADER:
-            raise SceneError(f"{place} is a KTX2 picture of {len(data)} bytes; export it again")
-        width, height = struct.unpack_from("<II", data, _KTX2_SIZE_AT)
-        self.document.spend_texture(width, height, place)
-        try:
-            decoded = decode("ktx2", {"picture": np.frombuffer(data, np.uint8)})
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise SceneError(f"{place} cannot be decoded ({error}); {_EXPAND_FIRST}") from error
-        pixels = None if decoded is None else decoded["picture"]
-        if pixels is None or pixels.shape != (height, width, 4):
-            raise SceneError(f"{place} is a KTX2 picture that is broken; {_EXPAND_FIRST}")
-        return pixels.astype(np.uint8)
+            width, height = _ktx2_size(data, image.place)
+            picture = Picture(partial(_expanded, data, image.place))
+        else:
+            width, height = _opened(data, image, lambda opened: opened.size)
+            picture = Picture(partial(_opened, data, image, _rgba))
+        self.document.spend_texture(width, height, image.place)
+        _ = picture.pixels  # what cannot be decoded is found before anything is drawn
+        return picture
 
 
-def _rgba(picture: PIL.Image.Image) -> npt.NDArray[np.uint8]:
+def _in_own_memory(pixels: Pixels) -> Pixels:
+    """A copy that goes back to the system once it is freed, not to the heap."""
+    memory = mmap.mmap(-1, max(1, pixels.nbytes))
+    copy = np.frombuffer(memory, np.uint8, pixels.size).reshape(pixels.shape)
+    copy[...] = pixels
+    return copy
+
+
+def _ktx2_size(data: bytes, place: str) -> tuple[int, int]:
+    if importlib.util.find_spec("opengl_basisu") is None:
+        raise SceneError(
+            f"{place} is compressed ({_BASISU}) and the decoder is not installed: "
+            f"pip install nlens-video[ktx2]; or {_EXPAND_FIRST}"
+        )
+    if len(data) < _KTX2_HEADER:
+        raise SceneError(f"{place} is a KTX2 picture of {len(data)} bytes; export it again")
+    width, height = struct.unpack_from("<II", data, _KTX2_SIZE_AT)
+    return width, height
+
+
+def _expanded(data: bytes, place: str) -> Pixels:
+    """A KTX2 picture."""
+    width, height = _ktx2_size(data, place)
+    try:
+        decoded = decode("ktx2", {"picture": np.frombuffer(data, np.uint8)})
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SceneError(f"{place} cannot be decoded ({error}); {_EXPAND_FIRST}") from error
+    pixels = None if decoded is None else decoded["picture"]
+    if pixels is None or pixels.shape != (height, width, 4):
+        raise SceneError(f"{place} is a KTX2 picture that is broken; {_EXPAND_FIRST}")
+    return pixels.astype(np.uint8)
+
+
+def _opened(data: bytes, image: Fields, found: Callable[[PIL.Image.Image], _Found]) -> _Found:
+    """What is found in a picture of the other formats."""
+    try:
+        with warnings.catch_warnings():
+            # Pillow warns of pictures beyond 89 megapixels: here they are refused.
+            warnings.simplefilter("error", PIL.Image.DecompressionBombWarning)
+            with PIL.Image.open(io.BytesIO(data), formats=_FORMATS) as picture:
+                return found(picture)
+    except PIL.UnidentifiedImageError as error:
+        kind = image.text("mimeType")[:40]
+        stated = f" (its mimeType is {kind!r})" if kind else ""
+        came = "is no PNG, JPEG, WebP, AVIF or KTX2 picture" if data else "is empty"
+        raise SceneError(f"{image.place} {came}{stated}; export it again as PNG or JPEG") from error
+    except (OSError, ValueError, SyntaxError, *_TOO_LARGE) as error:
+        raise SceneError(f"{image.place} cannot be decoded ({error}); export it again") from error
+
+
+def _rgba(picture: PIL.Image.Image) -> Pixels:
     if picture.mode.startswith("I"):  # 16-bit grey, which Pillow would clip, not scale
         grey = (np.asarray(picture).astype(np.float64) / 257.0).round().clip(0, 255)
         opaque = np.full_like(grey, 255.0)
