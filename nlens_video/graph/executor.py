@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
@@ -21,8 +21,6 @@ from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.scheduler import Worker
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceFrame
-
-_SHOT_PORTS = tuple(one.name for one in fields(ShotValues))
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +185,7 @@ class GraphExecutor:
                 self._run_once(state, node)
             elif node.runs_on(state.values):
                 setattr(state.values, node.writes, self._value(state, node))
+        state.values.drop_maps()
         return state
 
     def find_lens(self, state: FrameState) -> LensFit | None:
@@ -235,8 +234,7 @@ class GraphExecutor:
 
     def _write(self, state: FrameState, node: Node, value: object) -> None:
         setattr(state.values, node.writes, value)
-        if node.writes in _SHOT_PORTS:
-            setattr(self.shot, node.writes, value)
+        self.shot.take(node.writes, value)
 
     def _follow(self, state: FrameState, live: LiveLens) -> None:
         """Refit where the plate's blur has changed; step towards the newest fit."""

@@ -56,6 +56,7 @@ class Report(Observer):
         remove_stale(self._path)
         self._info = info
         self._session = session
+        session.executor.shot.keeps_maps = True
         self._output = output
         finds_lens = any(node.once for node in session.graph.nodes)
         self._awaits_fit = finds_lens and session.executor.fit is None

@@ -155,6 +155,7 @@ class AovLayers(Observer):
         self._folder = folder
         self._frame = Box(0, 0, info.width, info.height)
         self._executor = session.executor
+        self._executor.shot.keeps_maps = True
 
     def frame(self, state: FrameState, timing: FrameTiming) -> None:
         """Write one file with the same channels on every frame, empty where there is no layer.

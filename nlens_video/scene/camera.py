@@ -154,12 +154,12 @@ class Camera:
             1 / camera-space depth [1 / scene unit]; all zero where the camera lies in the plane.
         """
         columns, rows = np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=float)
-        return self._disparity(columns + 0.5, rows + 0.5, ground_y)
+        return self.disparity_at(columns + 0.5, rows + 0.5, ground_y)
 
     def corner_disparity(self, ground_y: float) -> Float64:
         """Disparity of that plane at the corners of the frame (2, 2) [1 / scene unit]."""
         ends = np.array([0.0, self.width]), np.array([0.0, self.height])
-        return self._disparity(*ends, ground_y)
+        return self.disparity_at(*ends, ground_y)
 
     def plane_points(self, ground_y: float) -> Float64:
         """Points of that plane at pixel centres (H, W, 3); any point where it is not seen."""
@@ -171,8 +171,8 @@ class Camera:
         rotation, eye = self.world_from_camera[:3, :3], self.world_from_camera[:3, 3]
         return np.asarray(depth[..., None] * (rays @ rotation.T) + eye)
 
-    def _disparity(self, x: Float64, y: Float64, ground_y: float) -> Float64:
-        """Disparity of a plane at columns (W,) and rows (H,) of places: (H, W)."""
+    def disparity_at(self, x: Float64, y: Float64, ground_y: float) -> Float64:
+        """Disparity of that plane at columns (W,) and rows (H,) of places [px]: (H, W)."""
         up = self.world_from_camera[1, :3]
         below = ground_y - self.world_from_camera[1, 3]
         if below == 0.0:

@@ -7,14 +7,19 @@ disparity of each of its pixels is the plane's, not the object's.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from nlens_video.core.layers import Bool, Float64
+from nlens_video.kernels.thread_pool import picture_bands
 from nlens_video.scene.camera import Camera
+
+Int = npt.NDArray[np.int64]
 
 VISIBILITY_FLOOR_PX = 1.0  # least expected error where the CoC tells ground from other things
 _BINS = 8  # parts of the plane, by disparity, each of as many samples
@@ -28,14 +33,20 @@ class GroundProjection:
 
     Attributes:
         mask: the footprint (H, W).
-        disparity: of the plane at every pixel (H, W), <= 0 where the plane is not seen
-            [1 / scene unit].
+        disparity_of: disparity of the plane (h, w) in some columns (w,) and rows (h,) of pixels,
+            <= 0 where it is not seen [1 / scene unit].
         ground_y: height of the plane in the world [scene unit].
     """
 
     mask: Bool
-    disparity: Float64
+    disparity_of: Callable[[Int, Int], Float64]
     ground_y: float
+
+    @property
+    def disparity(self) -> Float64:
+        """That of every pixel (H, W)."""
+        height, width = self.mask.shape
+        return self.disparity_of(np.arange(width), np.arange(height))
 
 
 def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> GroundProjection:
@@ -47,10 +58,9 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
         ground_y: height of the plane [scene unit].
 
     Returns:
-        Mask and disparity on the camera's frame. The mask is empty where the plane is edge-on or
-        the footprint out of view.
+        Mask and plane on the camera's frame. The mask is empty where the plane is edge-on or the
+        footprint out of view.
     """
-    disparity = camera.plane_disparity(ground_y)
     mask = np.zeros((camera.height, camera.width), np.uint8)
     if len(triangles):
         fallen = triangles.astype(np.float64)
@@ -64,9 +74,20 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
             cut = _cut(polygon, planes)
             if len(cut) >= 3:
                 _draw(mask, camera.pixels(cut)[None])
-    return GroundProjection(
-        mask=(mask > 0) & (disparity > 0), disparity=disparity, ground_y=ground_y
+    ground = GroundProjection(
+        mask=mask.view(np.bool_),
+        disparity_of=partial(_disparity, camera, ground_y),
+        ground_y=ground_y,
     )
+    columns = np.arange(camera.width)
+    for top, end in picture_bands(camera.height, camera.width):
+        ground.mask[top:end] &= ground.disparity_of(columns, np.arange(top, end)) > 0
+    return ground
+
+
+def _disparity(camera: Camera, ground_y: float, columns: Int, rows: Int) -> Float64:
+    x, y = columns.astype(np.float64) + 0.5, rows.astype(np.float64) + 0.5
+    return camera.disparity_at(x, y, ground_y)
 
 
 def ground_visibility(

@@ -101,7 +101,8 @@ def sample_plane(
     if region is not None:
         step = max(1, min(step, int(np.sqrt(_area(region) * width * height / MIN_SAMPLES) / 2)))
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
-    disparity, anchor = ground.disparity[rows, columns], ground.mask[rows, columns]
+    disparity = ground.disparity_of(columns[0], rows[:, 0])
+    anchor = ground.mask[rows, columns]
     values, sigma = coc.coc_px[rows, columns], coc.sigma_px[rows, columns]
     use = np.isfinite(values) & np.isfinite(sigma) & (disparity > 0)
     if not whole_plane:

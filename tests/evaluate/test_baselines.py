@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.planes import of_map
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
@@ -109,7 +110,9 @@ def test_best_constant_has_the_smallest_error(other):
 
 def footprint(near=1.0, far=0.5):
     disparity = np.repeat(np.linspace(far, near, 40)[:, None], 30, axis=1)
-    return GroundProjection(mask=np.ones((40, 30), bool), disparity=disparity, ground_y=0.0)
+    return GroundProjection(
+        mask=np.ones((40, 30), bool), disparity_of=of_map(disparity), ground_y=0.0
+    )
 
 
 def seen(plane, slope, focus):

@@ -97,6 +97,16 @@ def test_fit_is_estimated_once_and_used_on_every_later_frame(preset):
     assert shot.found_lens.regression.fit is runner.fit
 
 
+@pytest.mark.parametrize("kept", [False, True])
+def test_maps_that_the_lens_is_found_from_are_freed_unless_a_report_shows_them(kept):
+    runner, shot = steps()
+    shot.keeps_maps = kept
+    first = run(runner, 0)
+    assert first.fitted_here and shot.found_lens is not None
+    assert first.values.plate_coc is first.values.ground is None
+    assert (shot.plate_coc is not None, shot.ground is not None) == (kept, kept)
+
+
 def test_saved_fit_reproduces_edge_parallax():
     runner, _ = steps()
     first = run(runner, 0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import shots
-from support.planes import HEIGHT, WIDTH, ground
+from support.planes import HEIGHT, WIDTH, ground, of_map
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.cli.main import main
@@ -21,7 +21,7 @@ def seen(low, high, seed, scale=1.0):
     """CoC and ground of a frame that sees disparities from low to high, read with an error."""
     plane = ground(near=1.0, far=low)
     plane = GroundProjection(
-        mask=plane.mask, disparity=np.clip(plane.disparity, low, high), ground_y=0.0
+        mask=plane.mask, disparity_of=of_map(np.clip(plane.disparity, low, high)), ground_y=0.0
     )
     coc = scale * np.abs(SLOPE * (plane.disparity - FOCUS))
     coc = coc + np.random.default_rng(seed).normal(0.0, 0.5, (HEIGHT, WIDTH))

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import cv2
 import numpy as np
 import pytest
@@ -93,6 +95,17 @@ def test_footprint_far_beyond_the_frame_keeps_straight_edges():
 
 def test_footprint_is_empty_without_triangles_or_with_the_camera_in_the_plane():
     assert not project_to_ground(np.zeros((0, 3, 3)), looking_down(), 0.0).mask.any()
+
+
+def test_ground_of_a_photograph_takes_a_byte_a_pixel():
+    camera = looking_down(width=6000, rows=4000)
+    tracemalloc.start()
+    try:
+        ground = project_to_ground(square_at((0.2, -3.0), 0.6, y=0.3), camera, 0.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert ground.mask.any() and peak < 1.1 * ground.mask.size
     edge_on = project_to_ground(square_at((0, -3), 0.5, 2.0), looking_down(height=2.0), 2.0)
     assert not edge_on.mask.any()
 

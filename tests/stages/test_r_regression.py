@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.planes import HEIGHT, WIDTH, ground
+from support.planes import HEIGHT, WIDTH, ground, of_map
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import UNKNOWN_LENS, LensPrior
@@ -44,7 +44,7 @@ def short_ground(far, least):
     """A ground none of which has a disparity below `least`."""
     plane = ground(near=1.0, far=far)
     disparity = np.maximum(plane.disparity, least)
-    return GroundProjection(mask=plane.mask, disparity=disparity, ground_y=0)
+    return GroundProjection(mask=plane.mask, disparity_of=of_map(disparity), ground_y=0)
 
 
 def test_sign_of_the_coc_is_ambiguous_without_a_trend_of_blur():
@@ -248,7 +248,9 @@ def test_fit_without_a_footprint_is_noted():
 def test_error_for_a_ground_out_of_view_states_what_to_do():
     plane = ground()
     gone = GroundProjection(
-        mask=np.zeros_like(plane.mask), disparity=-np.ones_like(plane.disparity), ground_y=0.0
+        mask=np.zeros_like(plane.mask),
+        disparity_of=of_map(-np.ones_like(plane.disparity)),
+        ground_y=0.0,
     )
     with pytest.raises(LensFitError, match="--ground-y"):
         FitLens()(plate(plane, 30.0, 0.5), gone)
@@ -282,7 +284,7 @@ def test_constant_fit_is_the_confident_median_of_the_footprint():
 def test_short_span_of_disparity_does_not_give_an_extreme_slope():
     plane = ground(near=1.0, far=0.97)  # a ground seen from above
     plane = GroundProjection(
-        mask=plane.mask, disparity=np.maximum(plane.disparity, 0.97), ground_y=0
+        mask=plane.mask, disparity_of=of_map(np.maximum(plane.disparity, 0.97)), ground_y=0
     )
     true = plate(plane, 30.0, 0.5)
     for seed in range(8):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.planes import HEIGHT, WIDTH, ground
+from support.planes import HEIGHT, WIDTH, ground, of_map
 
 from nlens_video.core.known_lens import Expected, LensPrior
 from nlens_video.core.layers import CocMap
@@ -21,7 +21,7 @@ def narrow():
     """A ground seen from above: hardly any disparity, so that many slopes explain it."""
     plane = ground(near=1.0, far=0.9)
     return GroundProjection(
-        mask=plane.mask, disparity=np.clip(plane.disparity, 0.9, 1.0), ground_y=0.0
+        mask=plane.mask, disparity_of=of_map(np.clip(plane.disparity, 0.9, 1.0)), ground_y=0.0
     )
 
 

@@ -106,15 +106,32 @@ class FrameValues:
     foreground: Foreground | None = None
     blurred: BlurredLayer | None = None
 
+    def drop_maps(self) -> None:
+        """Free the maps that the lens was found from: all that reads them runs on one lane."""
+        for port in MAPS:
+            setattr(self, port, None)
+
 
 @dataclass(slots=True, kw_only=True)
 class ShotValues:
-    """Latest values of the ports that the lens was found from, for reports."""
+    """Latest values of the ports that the lens was found from.
 
+    Attributes:
+        keeps_maps: whether the maps are kept, which take as much as a few frames; for reports.
+    """
+
+    keeps_maps: bool = False
     plate_coc: CocMap | None = None
     ground: GroundProjection | None = None
     found_lens: FoundLens | None = None
 
+    def take(self, port: str, value: object) -> None:
+        """Keep what a node has written to a port, if that is one of these."""
+        if port == "found_lens" or (port in MAPS and self.keeps_maps):
+            setattr(self, port, value)
 
+
+MAPS = ("plate_coc", "ground")
+"""Ports that hold maps of the size of the frame, from which the lens is found."""
 GIVEN = ("frame", "picture", "frame_box", "following", "lens_before", "fit")
 """Ports with a value before the first node runs."""
