@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Generic, TypeVar, overload
 
 import numpy as np
@@ -45,9 +46,10 @@ class PlatePictures(Sequence[Picture]):
 
     def __init__(self, pictures: Sequence[Picture]) -> None:
         self._pictures = pictures
+        # None of them refers to this object: pictures in a cycle would outlive it.
         self.codes = _Once(pictures[0].srgb)
-        self.light = _Once(self._light)
-        self.still = _Once(self._still)
+        self.light = _Once(partial(_light, pictures[0]))
+        self.still = _Once(partial(_still, pictures[:_MOST_STILL], self.codes))
 
     @classmethod
     def of(cls, pictures: Sequence[Picture]) -> PlatePictures:
@@ -64,25 +66,29 @@ class PlatePictures(Sequence[Picture]):
     def __getitem__(self, at: int | slice) -> Picture | Sequence[Picture]:
         return self._pictures[at]
 
-    def _light(self) -> Float32:
-        first = self[0]
-        light = first.linear(Box(0, 0, first.width, first.height)) @ _LUMINANCE
-        return np.asarray(light, np.float32)
-
-    def _still(self) -> tuple[list[Float32], Bool]:
-        frame = Box(0, 0, self[0].width, self[0].height)
-        middle = self._middle.slices_in(frame)
-        others = [picture.srgb() for picture in self[1:_MOST_STILL]]
-        return still_run([codes[middle] for codes in (self.codes(), *others)])
-
     def light_of_still(self) -> list[Float32]:
         """Scene-linear light (h, w, 3) of what `still` gives the codes of."""
-        return [picture.linear(self._middle) for picture in self[: len(self.still()[0])]]
+        middle = _middle(self[0])
+        return [picture.linear(middle) for picture in self[: len(self.still()[0])]]
 
-    @property
-    def _middle(self) -> Box:
-        """The middle of a large picture: noise and sharpness need not be measured everywhere."""
-        width, height = self[0].width, self[0].height
-        rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
-        top, left = (height - rows) // 2, (width - columns) // 2
-        return Box(left, top, left + columns, top + rows)
+
+def _light(first: Picture) -> Float32:
+    light = first.linear(Box(0, 0, first.width, first.height)) @ _LUMINANCE
+    return np.asarray(light, np.float32)
+
+
+def _still(
+    pictures: Sequence[Picture], first_codes: Callable[[], Float32]
+) -> tuple[list[Float32], Bool]:
+    first = pictures[0]
+    middle = _middle(first).slices_in(Box(0, 0, first.width, first.height))
+    others = [picture.srgb() for picture in pictures[1:]]
+    return still_run([codes[middle] for codes in (first_codes(), *others)])
+
+
+def _middle(first: Picture) -> Box:
+    """The middle of a large picture: noise and sharpness need not be measured everywhere."""
+    width, height = first.width, first.height
+    rows, columns = min(height, _MOST_ROWS), min(width, _MOST_COLUMNS)
+    top, left = (height - rows) // 2, (width - columns) // 2
+    return Box(left, top, left + columns, top + rows)

@@ -1,5 +1,8 @@
 """What several effects read off a shot's first pictures."""
 
+import gc
+import weakref
+
 import numpy as np
 from support.effects.synthetic_frames import pictures, scene
 
@@ -28,6 +31,18 @@ def test_pictures_are_decoded_once_for_all_effects():
     assert list(found) == list(PLATE_EFFECTS)
     assert [picture.coded for picture in shot] == [1] * 5 + [0] * 3
     assert [picture.light for picture in shot] == [1] + [0] * 7
+
+
+def test_decoded_pictures_are_freed_with_what_holds_them():
+    """The collector of cycles comes late: it counts objects, not their size."""
+    shot = PlatePictures([ArrayPicture(np.zeros((64, 96, 3), np.uint8), "rgb")])
+    left = [weakref.ref(one) for one in (shot.codes(), shot.light())]
+    gc.disable()
+    try:
+        del shot
+        assert [one() for one in left] == [None, None]
+    finally:
+        gc.enable()
 
 
 def test_only_the_middle_of_a_large_picture_is_compared():
