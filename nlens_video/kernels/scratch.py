@@ -13,6 +13,8 @@ _WINDOW = 1024
 """Requests of a thread after which it frees what they did not need."""
 _SPARE = 2
 """A buffer is kept while it is at most so many times as large as the largest request."""
+_LARGEST_KEPT = 32 << 20
+"""What is larger is freed with its array: its page faults cost little beside what fills it [B]."""
 
 
 class _Buffers(threading.local):
@@ -42,10 +44,14 @@ def scratch(
 ) -> npt.NDArray[Any]:
     """An array of any content, good until this thread asks for the same name again.
 
-    It is reused from frame to frame, for page faults cost more than filling. A blur that was wider
-    for a while does not keep its memory for ever: what a thread no longer needs, it frees.
+    It is reused from frame to frame, for page faults cost more than filling; on photographs,
+    whose arrays take gigabytes, it is not. A blur that was wider for a while does not keep its
+    memory for ever: what a thread no longer needs, it frees.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
+    if size > _LARGEST_KEPT:
+        _buffers.by_name.pop(name, None)
+        return np.empty(shape, dtype)
     _buffers.requests += 1
     if _buffers.requests > _WINDOW:
         _buffers.free_unused()

@@ -124,14 +124,14 @@ def _given_back(threads: int) -> None:
         _at_work -= threads
 
 
-def parallel_map(work: Callable[[T], R], items: Sequence[T]) -> list[R]:
-    """Results of `work` for each item, in order, computed in parallel."""
+def parallel_map(work: Callable[[T], R], items: Sequence[T], workers: int | None = None) -> list[R]:
+    """Results of `work` for each item, in order, computed in parallel by so many at most."""
     made: dict[int, R] = {}
 
     def do(at: int) -> None:
         made[at] = work(items[at])
 
-    parallel_for(do, range(len(items)))
+    parallel_for(do, range(len(items)), workers)
     return [made[at] for at in range(len(items))]
 
 

@@ -46,6 +46,8 @@ HALO_PX = 24
 FEATHER_PX = 3.0
 """Width over which the repair fades in at the border of its region [px]."""
 
+_BESIDE_PX = 2_000_000
+"""Largest layers that are scattered beside each other, for each takes 150 bytes a pixel [px]."""
 _COC_SCALE = 1.0 / 32.0
 _COC_LIMIT = 1.25  # of the scaled CoC: the network's training range
 _CLEAR = 1e-3  # coverage this near to 0 or 1 has a negligible covariance
@@ -135,7 +137,9 @@ def candidates(
 
     # in parallel: single-threaded work on one layer overlaps with the other
     (back, back_coc), (near, near_coc) = parallel_map(
-        spread, [(parts.back_rgba, parts.back_coc_px), (parts.near_rgba, parts.near_coc_px)]
+        spread,
+        [(parts.back_rgba, parts.back_coc_px), (parts.near_rgba, parts.near_coc_px)],
+        1 if coc.size > _BESIDE_PX else None,
     )
     near_alpha = np.ascontiguousarray(parts.near_rgba[..., 3])
     coverage = near[..., 3]
@@ -205,29 +209,36 @@ class RepairDepthOrder:
         steps = find_discontinuities(rgba, coc, hidden)
         if steps is None or blurred.box.empty:
             return blurred
+        where = fade(steps.inside_px)
         doubt = None if hidden is None else cut_share(rgba, coc, steps, hidden)
+        if doubt is not None:
+            where *= 1.0 - doubt
         reached = Box.of(steps.inside_px > 0.0).translated(whole.x0, whole.y0)
         reached = reached.intersection(blurred.box.expanded(HALO_PX))
         touched = reached.intersection(blurred.box)
         if touched.empty:
             return blurred
         source = reached.expanded(margin + 1)
-        made = candidates(
-            (_on(source, whole, rgba), _on(source, whole, coc)),
-            _on(source, blurred.box, blurred.rgba),
-            CocDiscontinuities(
-                inside_px=_on(source, whole, steps.inside_px),
-                split_px=_on(source, whole, steps.split_px),
-            ),
-            self.scatter,
-            pixel_aspect=self.pixel_aspect,
-            corner=(source.y0, source.x0),
-            hidden=None if hidden is None else HiddenSurface(
+        rgba, coc = _on(source, whole, rgba), _on(source, whole, coc)
+        steps = CocDiscontinuities(
+            inside_px=_on(source, whole, steps.inside_px),
+            split_px=_on(source, whole, steps.split_px),
+        )
+        if hidden is not None:
+            hidden = HiddenSurface(
                 rgba=_on(source, whole, hidden.rgba),
                 coc_px=_on(source, whole, hidden.coc_px),
                 front_rgba=_on(source, whole, hidden.front_rgba),
-            ),
-        )  # fmt: skip
+            )
+        made = candidates(
+            (rgba, coc),
+            _on(source, blurred.box, blurred.rgba),
+            steps,
+            self.scatter,
+            pixel_aspect=self.pixel_aspect,
+            corner=(source.y0, source.x0),
+            hidden=hidden,
+        )
         judgement = None
         if made.geometry is not None:
             seen = _in_cells(touched.expanded(HALO_PX))
@@ -240,9 +251,7 @@ class RepairDepthOrder:
             back=made.back[inside],
             covariance=made.covariance[inside],
         )
-        where = fade(steps.inside_px[touched.slices_in(whole)])
-        if doubt is not None:
-            where *= 1.0 - doubt[touched.slices_in(whole)]
+        where = where[touched.slices_in(whole)]
         repaired = blurred.rgba.copy()
         target = repaired[touched.slices_in(blurred.box)]
         np.copyto(target, part.resolve(judgement, where), where=(where > 0.0)[..., None])

@@ -38,3 +38,10 @@ def test_memory_that_was_needed_for_a_while_is_freed_and_the_rest_stays() -> Non
     assert [buffer() for buffer in once] == [None, None]
     assert steady() is not None
     assert (kept == 7.0).all()
+
+
+def test_what_only_a_photograph_needs_is_freed_with_its_array() -> None:
+    array = scratch("of a photograph", (4000, 3000))
+    memory = weakref.ref(array if array.base is None else array.base)
+    del array
+    assert memory() is None

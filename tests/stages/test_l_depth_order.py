@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 from support import lens_truth
@@ -259,3 +261,21 @@ def test_large_discs_over_a_thin_part_behind_them_show_no_specks(monkeypatch):
     found = in_order(sharp, blurred).rgba
     monkeypatch.setattr(l_depth_order, "POINTS", (256,))
     assert np.abs(found - in_order(sharp, blurred).rgba).max() < 0.04  # 0.08 by 16 points
+
+
+def test_layers_of_a_photograph_are_scattered_one_after_the_other(network, monkeypatch):
+    """Each takes several times the memory of its layer meanwhile."""
+    monkeypatch.setattr(l_depth_order, "_BESIDE_PX", 1000)
+    running, at_once = [], []
+
+    def counted(*layer, **options):
+        running.append(1)
+        time.sleep(0.1)
+        at_once.append(len(running))
+        made = scatter(*layer, **options)
+        running.pop()
+        return made
+
+    sharp = defocused(SCENES["both tilted"])
+    RepairDepthOrder(network=network, scatter=counted, reach=blur_reach)(sharp, scattered(sharp))
+    assert at_once == [1, 1]
