@@ -12,6 +12,7 @@ import numpy as np
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
+from nlens_video.kernels.thread_pool import picture_bands
 from nlens_video.scene.illumination import LUMINANCE, Illumination, Lamp, polynomial, sun
 from nlens_video.scene.surround import Surround, reduced, sphere
 
@@ -45,9 +46,12 @@ def load_environment(path: Path, rotation_deg: float, exposure_ev: float) -> Ill
         raise InputError(
             f"{path}: {width}x{height} pixels; an equirectangular map is twice as wide as high"
         )
-    if not np.isfinite(image).all():
-        raise InputError(f"{path}: holds values that are not finite; write it anew")
-    return reduce_environment(np.maximum(image, 0.0), rotation_deg, exposure_ev)
+    for top, end in picture_bands(height, width):  # in place: a map of 8K takes 400 MB
+        rows = image[top:end]
+        if not np.isfinite(rows).all():
+            raise InputError(f"{path}: holds values that are not finite; write it anew")
+        np.maximum(rows, 0.0, out=rows)
+    return reduce_environment(image, rotation_deg, exposure_ev)
 
 
 def reduce_environment(
@@ -244,9 +248,11 @@ def _read_hdr(path: Path) -> Float32:
         image = None
     finally:
         cv2.utils.logging.setLogLevel(before)
-    if image is None or image.dtype != np.float32 or image.ndim != 3:
+    if image is None or image.dtype != np.float32 or image.shape[2:] != (3,):
         raise InputError(
             f"{path}: cannot be read as an environment map; "
             "expected .exr, or .hdr with RGBE pixels and rows from the top (-Y +X)"
         )
-    return np.ascontiguousarray(image[..., 2::-1])
+    for top, end in picture_bands(*image.shape[:2]):
+        image[top:end] = image[top:end, :, ::-1]  # from BGR
+    return np.asarray(image, np.float32)

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from nlens_video.core.layers import Float32, Float64
+from nlens_video.kernels.thread_pool import bands
 
 SIDE = 128
 """Texels of a level along each side, without the border of one that joins the folded edges."""
@@ -27,6 +28,7 @@ _FILTERED = ((40, 96), (36, 64), (28, 48))
 _MIRROR_COLUMNS = 256
 _AT_ONCE = 1 << 16  # products of directions that stay in a processor's cache
 _LEAST_ALPHA = 0.002
+_REDUCED_ROWS = 16  # of the result at a time, where each is made of whole rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +194,13 @@ def reduced(radiance: Float32, columns: int) -> Float32:
     columns = min(columns, width)
     rows = max(columns // 2, 1)
     covered = heights_of_rows(height).astype(np.float32)[:, None]
-    whole = cv2.resize(radiance * covered[..., None], (columns, rows), interpolation=cv2.INTER_AREA)
+    whole = np.empty((rows, columns, 3), np.float32)
+    for top, end in bands(rows, rows if height % rows or width % columns else _REDUCED_ROWS):
+        part = slice(top * height // rows, end * height // rows)
+        weighted = radiance[part] * covered[part, :, None]
+        size = columns, end - top
+        whole[top:end] = cv2.resize(weighted, size, interpolation=cv2.INTER_AREA).reshape(
+            end - top, columns, 3
+        )
     shares = cv2.resize(covered, (1, rows), interpolation=cv2.INTER_AREA).reshape(rows, 1, 1)
-    return np.asarray(whole.reshape(rows, columns, 3) / shares, dtype=np.float32)
+    return np.asarray(whole / shares, dtype=np.float32)

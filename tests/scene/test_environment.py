@@ -1,6 +1,7 @@
 """Environment maps: extracted lights, remaining ambient light, and files that cannot be read."""
 
 import math
+import tracemalloc
 
 import cv2
 import numpy as np
@@ -167,6 +168,19 @@ def test_cropped_map_is_black_beyond_its_data_window(tmp_path):
 def test_black_environment_gives_no_light():
     light = reduce_environment(even(0.0))
     assert light.lamps == () and not light.ambient.any()
+
+
+def test_large_map_is_reduced_where_it_lies(tmp_path):
+    sky = np.full((2048, 4096, 3), 0.5, np.float32)
+    cv2.imwrite(str(tmp_path / "sky.hdr"), sky)
+    tracemalloc.start()
+    try:
+        light = load_environment(tmp_path / "sky.hdr", 0.0, 0.0)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 1.5 * sky.nbytes
+    assert light.ambient[0] == pytest.approx(0.5, rel=1e-3)
 
 
 def test_hdr_file_is_read_as_it_was_written(tmp_path):
