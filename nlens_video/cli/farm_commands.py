@@ -21,6 +21,7 @@ from nlens_video.options.parser import parse
 from nlens_video.options.to_settings import output_settings, source_settings
 from nlens_video.options.toml_words import read_toml
 from nlens_video.run.observers import check_sidecars
+from nlens_video.run.preflight import check_settings
 
 
 def run_merge(args: Namespace, console: Console) -> int:
@@ -39,6 +40,7 @@ def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
         NlensError: as `run.render` and `merge`.
     """
     check_plate(settings.source.spec)
+    check_settings(settings)
     store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
     shot = Shot(settings=absolute(settings), store=store, chunk_s=args.chunk)
     (result,) = _run_on_ray([shot], args, console, clear=args.chunks is None)
@@ -106,7 +108,8 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
         with console.progress_bar() as on_progress:
             merged = run_job(settings, folder, PIECE_S, on_progress, clear=True)
     except BaseException as error:
-        if not isinstance(error, FolderInUse) and folder.is_dir():
+        refused = isinstance(error, FolderInUse | UsageError)
+        if not refused and Folder(folder).has_any():
             error.add_note(f"{folder} holds what is done; the same command goes on from there")
         raise
     console.merged(merged)

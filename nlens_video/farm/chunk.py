@@ -96,15 +96,24 @@ def check_plate(spec: str) -> None:
         )
 
 
+def check_repeatable(settings: Settings) -> None:
+    """Check that a run gives the same pictures on any machine.
+
+    Raises:
+        UsageError: they depend on its speed.
+    """
+    if settings.hold_budget:
+        raise UsageError("--hold-budget: what it writes depends on the machine; leave it out")
+
+
 def mark_of(settings: Settings) -> ChunkMark:
     """The chunk that the range of a run makes.
 
     Raises:
-        UsageError: the plate is a stream.
+        UsageError: the plate is a stream, or the pictures depend on the machine.
         InputError: a file cannot be read.
     """
-    if settings.hold_budget:
-        raise UsageError("--hold-budget: what it writes depends on the machine; leave it out")
+    check_repeatable(settings)
     check_plate(settings.source.spec)
     first, end = settings.source.frames
     return ChunkMark(key=job_key(settings), plate=plate_key(settings.source), first=first, end=end)

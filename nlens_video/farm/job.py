@@ -11,7 +11,13 @@ from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
 from nlens_video.core.settings import OutputSettings, Settings, SourceSettings
 from nlens_video.effects.planner import EffectRequest
-from nlens_video.farm.chunk import look_once, mark_of, with_stored_look, write_chunks
+from nlens_video.farm.chunk import (
+    check_repeatable,
+    look_once,
+    mark_of,
+    with_stored_look,
+    write_chunks,
+)
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, Store
 from nlens_video.run.find_fit import find_fit
@@ -161,6 +167,7 @@ def check_chunkable(settings: Settings) -> OutputSettings:
                 f"{option}: is written by runs that render all frames at once, not in chunks; "
                 "leave it out"
             )
+    check_repeatable(settings)
     if settings.save_fit is not None:
         raise UsageError("--save-fit: belongs to single runs; keep the lens with nlens-video fit")
     if settings.output is None:

@@ -54,10 +54,13 @@ class Folder:
     def held(self) -> Iterator[None]:
         """Create the folder and lock it against a second run; the lock ends with the process.
 
+        What was created and is empty at the end is removed.
+
         Raises:
             FolderInUse: another run has locked it.
             OutputError: it cannot be created.
         """
+        created = not self.local.exists()
         make_folder(self.local, NAME_A_FOLDER)
         try:
             handle = _lock(self.local)
@@ -66,6 +69,9 @@ class Folder:
         try:
             yield
         finally:
+            if created:
+                with contextlib.suppress(OSError):  # not empty
+                    self.local.rmdir()
             if handle is not None:
                 os.close(handle)
 
@@ -82,6 +88,10 @@ class Folder:
     def existing(self, names: Iterable[str]) -> set[str]:
         """The names for which `has` is true."""
         return {name for name in names if self.has(name)}
+
+    def has_any(self) -> bool:
+        """Whether a complete file of a run is there: a chunk, or what all chunks need."""
+        return any(_FARM_FILES.fullmatch(path.name) for path in self.local.glob("[!.]*"))
 
     def put(self, name: str) -> None:
         """Publish a file of `local`: in a folder, it is published once it is written."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support import shots
+from support.command import nlens, one_line
 
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError
@@ -178,8 +179,7 @@ def test_list_of_shots_is_rendered_and_a_failing_shot_stops_no_other(shot, whole
     shots.assert_same_frames(whole, shot / "one.mkv")
     shots.assert_same_frames(whole, shot / "two.mkv")
     assert not (shot / "none.mkv").exists()
-    left = sorted(path.name for path in shot.iterdir() if path.name.endswith(".chunks"))
-    assert left == ["none.mkv.chunks"]  # what failed can go on there
+    assert not [path.name for path in shot.iterdir() if path.name.endswith(".chunks")]
 
 
 @pytest.mark.parametrize(
@@ -264,6 +264,48 @@ def test_farm_refuses_options_of_single_runs(shot, tmp_path):
         with pytest.raises(UsageError, match=f"^{said}"):
             run_job(run, tmp_path, 1.0, None)
     assert not list(Path(tmp_path).iterdir())
+
+
+@pytest.mark.parametrize("more", [["--hold-budget"], ["--codec", "x264lib"], ["--fit", "no.json"]])
+@pytest.mark.parametrize("command", [["farm"], ["render", "--resume"]])
+def test_refused_farm_and_resume_leave_no_folder_of_chunks(shot, tmp_path, command, more):
+    name, *resume = command
+    refused = nlens(name, *arguments(shot, tmp_path / "out.mkv", *resume, *more))
+    assert one_line(refused, 5 if "--fit" in more else 2)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("files", [[], ["0123456789abcdef-00000000-00000002.nut"]])
+def test_refused_resume_promises_nothing_of_the_same_command(shot, tmp_path, files):
+    chunks = tmp_path / "out.mkv.chunks"
+    chunks.mkdir()
+    for file in files:
+        (chunks / file).touch()
+    refused = nlens(*arguments(shot, tmp_path / "out.mkv", "--resume", "--range", "0:3"))
+    assert one_line(refused, 2).endswith("all frames and only them; leave it out")
+
+
+@pytest.mark.parametrize(
+    ("files", "kept"),
+    [
+        (["0123456789abcdef-00000000-00000002.nut"], True),
+        (["fit-0123456789abcdef.json"], True),
+        (["mine.txt"], False),
+        ([".0123456789abcdef-00000000-00000002.partial-a-1.nut"], False),
+        ([], False),
+    ],
+)
+def test_failed_resume_says_that_it_goes_on_only_where_something_is_done(
+    shot, tmp_path, files, kept
+):
+    plate = tmp_path / "in.mp4"
+    plate.write_bytes(b"no video")
+    chunks = tmp_path / "out.mkv.chunks"
+    chunks.mkdir()
+    for file in files:
+        (chunks / file).touch()
+    failed = nlens(plate, shot / "anim.glb", tmp_path / "out.mkv", "--resume")
+    assert ("chunks holds what is done" in one_line(failed, 3)) == kept
 
 
 def test_farm_refuses_what_depends_on_the_machine_by_the_name_of_the_help(shot, tmp_path):

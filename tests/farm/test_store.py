@@ -85,6 +85,16 @@ def test_chunk_folder_that_is_a_file_is_refused_in_one_line(tmp_path):
     assert file.read_bytes() == b"mine"
 
 
+def test_folder_that_stays_empty_is_removed_unless_it_was_there_before(tmp_path):
+    made, there, filled = tmp_path / "made", tmp_path / "there", tmp_path / "filled"
+    there.mkdir()
+    for folder in (made, there, filled):
+        with Folder(folder).held():
+            if folder == filled:
+                (folder / "0123456789abcdef-00000000-00000002.nut").touch()
+    assert sorted(tmp_path.iterdir()) == [filled, there]
+
+
 def test_plain_path_is_a_folder_store(tmp_path):
     assert store_of(str(tmp_path)) == Folder(tmp_path)
 

@@ -266,6 +266,7 @@ def test_concurrent_runs_do_not_share_chunks_and_other_files_are_kept(tmp_path):
     with Folder(folder).held(), pytest.raises(OutputError, match="another run is using it"):
         with Folder(folder).held():
             pass
+    folder.mkdir()
     (folder / ("0" * 16 + "-00000000-end.nut")).write_bytes(b"x")
     (folder / "mine.txt").write_bytes(b"x")
     Folder(folder).clear()
