@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,12 +13,13 @@ from nlens_video.cameras.chan import CHAN, from_chan, to_chan
 from nlens_video.cameras.colmap import TEXT_FILES, read_colmap
 from nlens_video.cameras.fspy import from_fspy, is_fspy
 from nlens_video.cameras.glb import from_glb, to_glb
-from nlens_video.cameras.solved import SolvedCamera
+from nlens_video.cameras.solved import CameraKey, SolvedCamera
 from nlens_video.cameras.text import broken_json, read_text
 from nlens_video.cameras.usd import SUFFIXES, from_usd, layers_beside, require_usd, to_usda
 from nlens_video.core.errors import SceneError, UsageError
 
 _RATE = Fraction(24)  # of files that count frames, where the plate's rate is not known
+_ROUNDED_S = 2e-3  # times of Matroska are whole milliseconds
 _SQUARE = 0.005  # pixels this near to square are taken for square [1]
 _WRITERS: dict[str, Callable[[SolvedCamera], bytes]] = {
     ".json": lambda camera: camera.to_json().encode(),
@@ -131,7 +132,7 @@ def check_camera_name(path: Path) -> None:
 
 
 def lost_in(camera: SolvedCamera, path: Path) -> tuple[str, ...]:
-    """What a file of that name cannot hold of a camera, in words; times and sources are left out.
+    """What a file of that name cannot hold of a camera, in words; errors and method are left out.
 
     Args:
         camera: to be written.
@@ -144,8 +145,24 @@ def lost_in(camera: SolvedCamera, path: Path) -> tuple[str, ...]:
         ("the lens distortion", camera.distortion_k1 != 0.0),
         ("the principal point", camera.principal_px is not None),
         (f"that frames before {first} have no camera", first > 0),
+        ("the times of a variable frame rate", not _steady(camera.keys)),
+        ("that the field of view is assumed", camera.fov == "assumed"),
+        ("that pitch and roll are assumed", camera.horizon == "assumed"),
+        ("that its unit is the metre", camera.scale == "metres"),
     )
     return tuple(what for what, there in parts if there)
+
+
+def _steady(keys: Sequence[CameraKey]) -> bool:
+    """Whether the frames come at a constant rate, but for the rounding of their times."""
+    first, last = keys[0], keys[-1]
+    if first is last:
+        return True
+    frame_s = (last.pts_s - first.pts_s) / (last.index - first.index)
+    return all(
+        abs(key.pts_s - first.pts_s - frame_s * (key.index - first.index)) < _ROUNDED_S
+        for key in keys
+    )
 
 
 def camera_bytes(camera: SolvedCamera, path: Path) -> bytes:

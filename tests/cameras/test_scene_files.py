@@ -45,9 +45,25 @@ def shot(poses, fovs, size=SIZE, first=0, rate=RATE, **fields):
     return SolvedCamera(width=size[0], height=size[1], keys=keys, path=path, **fields)
 
 
-def walk(count=5, **fields):
-    poses = [pose_of(yaw=10 - 2 * n, eye=(0.2 + 0.1 * n, 1.6, 0.5)) for n in range(count)]
-    return shot(poses, [50.0 - 2.0 * n for n in range(count)], **fields)
+def walk(count=5, step_deg=2.0, **fields):
+    poses = [pose_of(yaw=10 - step_deg * n, eye=(0.2 + 0.1 * n, 1.6, 0.5)) for n in range(count)]
+    return shot(poses, [50.0 - step_deg * n for n in range(count)], **fields)
+
+
+def uneven(camera):
+    """The camera of a plate whose third frame comes by a third of a frame late."""
+    late = [1 / 72 if n == 2 else 0.0 for n in range(len(camera.keys))]
+    return timed(camera, [key.pts_s + by for key, by in zip(camera.keys, late, strict=True)])
+
+
+def in_whole_milliseconds(camera):
+    """The camera of a Matroska file."""
+    return timed(camera, [round(key.pts_s, 3) for key in camera.keys])
+
+
+def timed(camera, times_s):
+    keys = zip(camera.keys, times_s, strict=True)
+    return replace(camera, keys=tuple(replace(key, pts_s=time) for key, time in keys))
 
 
 def written(camera, path, rate=RATE):
@@ -63,14 +79,36 @@ def test_camera_of_later_frames_claims_no_frames_before_them(tmp_path):
         assert [key.index for key in read.keys] == [10, 11, 12, 13, 14], suffix
 
 
-def test_what_a_format_cannot_hold_is_named(tmp_path):
-    camera = walk(first=10, distortion_k1=-0.1, principal_px=(470.0, 250.0))
-    lost = lost_in(camera, tmp_path / "camera.chan")
-    assert lost == (
-        "the lens distortion", "the principal point", "that frames before 10 have no camera",
-    )  # fmt: skip
+MEASURED = {"fov": "measured", "horizon": "measured"}
+
+
+@pytest.mark.parametrize(
+    ("camera", "named"),
+    [
+        (
+            walk(first=10, distortion_k1=-0.1, principal_px=(470.0, 250.0), **MEASURED),
+            (
+                "the lens distortion", "the principal point",
+                "that frames before 10 have no camera",
+            ),
+        ),
+        (walk(fov="assumed", horizon="measured"), ("that the field of view is assumed",)),
+        (walk(fov="measured", horizon="assumed"), ("that pitch and roll are assumed",)),
+        (
+            walk(fov="assumed", horizon="assumed"),
+            ("that the field of view is assumed", "that pitch and roll are assumed"),
+        ),
+        (walk(scale="metres", **MEASURED), ("that its unit is the metre",)),
+        (uneven(walk(**MEASURED)), ("the times of a variable frame rate",)),
+        (walk(**MEASURED), ()),
+        (walk(**{**MEASURED, "fov": "metadata"}), ()),
+        (uneven(walk(1, **MEASURED)), ()),
+        (in_whole_milliseconds(walk(100, step_deg=0.2, **MEASURED)), ()),
+    ],
+)  # fmt: skip
+def test_what_a_format_cannot_hold_is_named(tmp_path, camera, named):
+    assert lost_in(camera, tmp_path / "camera.chan") == named
     assert not any(lost_in(camera, tmp_path / f"camera{suffix}") for suffix in WHOLE)
-    assert not lost_in(walk(), tmp_path / "camera.chan")
 
 
 def assert_same_view(one, other, *, pixels=5e-3, size=1e-5):

@@ -82,6 +82,15 @@ def test_still_is_solved_to_one_camera_for_all_frames(files, tmp_path):
     assert len(camera["frames"]) == 1
 
 
+def test_what_a_chan_file_cannot_hold_is_said_with_formats_that_can(files, tmp_path):
+    out = tmp_path / "camera.chan"
+    run = nlens("solve", files / "still.png", out, "--no-progress")
+    assert run.returncode == 0, run.stderr
+    (note,) = [line for line in run.stderr.splitlines() if "cannot hold" in line]
+    assert "camera.chan cannot hold that the field of view is assumed" in note
+    assert note.endswith("; camera.json, .glb and .usda do")
+
+
 @pytest.mark.parametrize(("orientation", "across"), [(1, 960), (6, 512)])
 def test_field_of_view_of_a_photograph_is_that_of_its_exif(files, tmp_path, orientation, across):
     exif = PIL.Image.Exif()
