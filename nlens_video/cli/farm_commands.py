@@ -32,15 +32,34 @@ def run_merge(args: Namespace, console: Console) -> int:
     return 0
 
 
-def run_farm(args: Namespace, settings: Settings, console: Console) -> int:
-    """`farm` of one shot; returns the exit code.
+def check_whole(settings: Settings) -> None:
+    """Check what `farm` and `--resume` render, all of a shot, before anything is made.
 
     Raises:
-        UsageError: Ray is not installed, or the plate is a stream.
-        NlensError: as `run.render` and `merge`.
+        UsageError: an option is given that needs a single run, or the plate is a stream.
+        NlensError: as `preflight.check_settings`.
     """
     check_plate(settings.source.spec)
+    check_chunkable(settings)
     check_settings(settings)
+
+
+def run_in_chunks(args: Namespace, settings: Settings, console: Console) -> int:
+    """`farm` of one shot, `render --resume` or `render --chunk-out`; returns the exit code."""
+    if args.command == "farm":
+        return _run_farm(args, settings, console)
+    if args.resume:
+        return _run_resumable(args, settings, console)
+    return _run_chunk(settings, Path(args.output), console)
+
+
+def _run_farm(args: Namespace, settings: Settings, console: Console) -> int:
+    """`farm` of one shot that `check_whole` has passed; returns the exit code.
+
+    Raises:
+        UsageError: Ray is not installed.
+        NlensError: as `run.render` and `merge`.
+    """
     store = store_of(args.chunks or str(chunks_beside(Path(args.output))))
     shot = Shot(settings=absolute(settings), store=store, chunk_s=args.chunk)
     (result,) = _run_on_ray([shot], args, console, clear=args.chunks is None)
@@ -96,13 +115,12 @@ def _run_on_ray(
     return results
 
 
-def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
-    """`render --resume`; returns the exit code.
+def _run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
+    """`render --resume` of what `check_whole` has passed; returns the exit code.
 
     Raises:
         NlensError: as `job.run_job`.
     """
-    check_plate(settings.source.spec)
     folder = chunks_beside(Path(args.output))
     try:
         with console.progress_bar() as on_progress:
@@ -116,7 +134,7 @@ def run_resumable(args: Namespace, settings: Settings, console: Console) -> int:
     return 0
 
 
-def run_chunk(settings: Settings, folder: Path, console: Console) -> int:
+def _run_chunk(settings: Settings, folder: Path, console: Console) -> int:
     """`render --chunk-out`; returns the exit code."""
     with console.progress_bar() as on_progress:
         chunk = render_chunk(settings, folder, on_progress)

@@ -178,6 +178,10 @@ def _composite(args: Namespace, console: Console) -> int:
     again = args.command != "farm" and is_file
     if settings.scale.given and not again:
         raise UsageError("--marker and --person-height need a file to solve, not a stream")
+    if args.command == "farm" or getattr(args, "resume", False):
+        from nlens_video.cli.farm_commands import check_whole
+
+        check_whole(settings)
     try:
         if not (settings.needs_camera and again):
             return _with_camera(args, settings, console)
@@ -198,13 +202,9 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
         console.plan(plan(settings, all_reasons=args.verbose or args.json, as_chunks=chunks))
         return 0
     if args.command == "farm" or (args.command == "render" and (args.resume or args.as_chunk)):
-        from nlens_video.cli import farm_commands
+        from nlens_video.cli.farm_commands import run_in_chunks
 
-        if args.command == "farm":
-            return farm_commands.run_farm(args, settings, console)
-        if args.resume:
-            return farm_commands.run_resumable(args, settings, console)
-        return farm_commands.run_chunk(settings, Path(args.output), console)
+        return run_in_chunks(args, settings, console)
     with loading():
         from nlens_video.run.first_look import begun_look
     if args.command == "fit":

@@ -88,6 +88,7 @@ def plan(
     Raises:
         NlensError: as `render`.
     """
+    check_settings(settings, as_chunks=as_chunks)
     with open_run(settings, Profiler(settings.budget_ms)) as run_input:
         info, session = run_input.info, run_input.session
         part = part_of(info, settings.source.frames)

@@ -45,6 +45,16 @@ BENCH, STUDY_PAGE, STUDY_DEMO, STUDY_ANALYSIS = (
 
 STUDIO = "tests/studio/test_server.py"
 
+OF_SINGLE_RUNS = {
+    "range": replace(RANGE["range"], nonsense=RANGE["range"].nonsense[:-1]),
+    "frame": RANGE["frame"],
+    **{
+        name: {**LENS, **EFFECTS, **PLANNED}[name]
+        for name in ("hold_budget", "save_fit", "aov", "timings", "report")
+    },
+}
+"""What a farm refuses."""
+
 COMMANDS = {
     "render": Command(
         words=("render", "in.png", "anim.glb", "{tmp}/out.png", "--preset", "draft", "--fit",
@@ -79,8 +89,7 @@ COMMANDS = {
             **TALK, "input": INPUT, **OBJECT, "output": Row(sense=("{tmp}/out.mkv",)),
             **LENS, **OF_A_VIDEO, **EFFECTS, **PLANNED, "no_progress": SHOWN["no_progress"],
             "overwrite": SHOWN["overwrite"],
-            **RANGE,
-            "range": replace(RANGE["range"], nonsense=RANGE["range"].nonsense[:-1]),
+            **{name: replace(row, code=2) for name, row in OF_SINGLE_RUNS.items()},
             "layers": replace(OBJECT["layers"], nonsense=("",)),
             "workers": option("--workers", "2", nonsense=(*NOT_NUMBERS, "0", "-1", "1.5")),
             "chunk": option("--chunk", "5", nonsense=(*NOT_NUMBERS, "0", "-1")),

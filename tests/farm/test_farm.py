@@ -13,6 +13,7 @@ import pytest
 from support import shots
 from support.command import nlens, one_line
 
+from nlens_video.cli import solve_command
 from nlens_video.cli.main import main
 from nlens_video.core.errors import UsageError
 from nlens_video.farm import job
@@ -273,6 +274,37 @@ def test_refused_farm_and_resume_leave_no_folder_of_chunks(shot, tmp_path, comma
     refused = nlens(name, *arguments(shot, tmp_path / "out.mkv", *resume, *more))
     assert one_line(refused, 5 if "--fit" in more else 2)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--range", "0:3"],
+        ["--frame", "3"],
+        ["--report", "r"],
+        ["--aov", "layers"],
+        ["--timings", "t.json"],
+        ["--save-fit", "kept.json"],
+        ["--hold-budget"],
+    ],
+)
+@pytest.mark.parametrize("command", [["farm"], ["render", "--resume"]])
+def test_plan_of_chunks_refuses_what_the_run_refuses(shot, tmp_path, monkeypatch, command, more):
+    monkeypatch.chdir(tmp_path)
+    name, *resume = command
+    words = [name, *arguments(shot, "no.mkv", *resume, *more)]
+    lines = [one_line(nlens(*words, *plan), 2) for plan in ([], ["--plan"])]
+    assert lines[0] == lines[1]
+    assert more[0] in lines[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_chunks_is_refused_before_its_camera_is_solved(shot, tmp_path, monkeypatch):
+    bare = shots.cube_glb(tmp_path / "bare.glb", camera=False)
+    monkeypatch.setattr(solve_command, "solve_plate", lambda *given: pytest.fail("it is solved"))
+    words = [shot / "in.mp4", bare, tmp_path / "no.mkv", "--at", "0.5,0.8", "--resume"]
+    line = one_line(nlens(*words, "--range", "0:3"), 2)
+    assert "--range: chunks are made of all frames" in line
 
 
 @pytest.mark.parametrize("files", [[], ["0123456789abcdef-00000000-00000002.nut"]])

@@ -149,3 +149,12 @@ def test_one_picture_of_many_frames_is_refused_by_the_plan_as_by_the_run(words):
     }
     (line,) = said
     assert "out.png: is one picture, the plate is a video; give --frame N" in line
+
+
+def test_pipeline_that_composites_nothing_is_refused_by_the_plan_as_by_the_run(words, tmp_path):
+    pipeline = tmp_path / "bounds.toml"
+    pipeline.write_text('nodes = ["object-bounds"]\n')
+    of_run = [word for word in words if word not in ("--plan", "-v")]
+    said = {one_line(nlens(*of_run, "--preset", pipeline, *plan), 2) for plan in ([], ["--plan"])}
+    (line,) = said
+    assert "bounds.toml: has no node 'composite'" in line
