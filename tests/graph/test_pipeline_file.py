@@ -102,6 +102,7 @@ def test_optional_input_needs_no_writer(tmp_path):
                 ("fit", "anchor_weight", "-1.0", "0 to 1"),
                 ("fit", "anchor_weight", "nan", "0 to 1"),
                 ("lens-sampling", "accuracy_db", "inf", "10 to 100"),
+                ("reblur", "detail", "'x'", "'fine' or 'draft'"),
             )
         ),
         ('[{ node = "render", fallback_for = "sparkle" }]', "'sparkle', which is no node"),

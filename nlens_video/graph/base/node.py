@@ -154,6 +154,7 @@ class Node:
         same_with: input ports. Where they hold the very objects of the frame before, the result is
             that frame's too: nothing that the node looks at has moved. Empty if it always runs.
         ranges: option, least and largest value, for options that are numbers.
+        choices: option and its values, for options that are texts.
 
     Attributes:
         description: method and backend in one phrase, for plans.
@@ -171,6 +172,7 @@ class Node:
     stateful: ClassVar[bool] = False
     same_with: ClassVar[tuple[str, ...]] = ()
     ranges: ClassVar[tuple[tuple[str, float, float], ...]] = ()
+    choices: ClassVar[tuple[tuple[str, tuple[str, ...]], ...]] = ()
     _read: ClassVar[tuple[str, ...]]
     _required: ClassVar[tuple[str, ...]]
     description: str = ""

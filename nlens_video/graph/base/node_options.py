@@ -11,7 +11,7 @@ from nlens_video.graph.base.node import Node
 
 
 def check_options(node: type[Node], options: dict[str, object], path: Path) -> None:
-    """See that a node has options of these names, types and ranges.
+    """See that a node has options of these names, types, ranges and choices.
 
     Args:
         node: its class.
@@ -24,6 +24,7 @@ def check_options(node: type[Node], options: dict[str, object], path: Path) -> N
     parameters = inspect.signature(node.__init__).parameters
     known = {name: one for name, one in parameters.items() if one.kind is one.KEYWORD_ONLY}
     ranges = {name: (least, most) for name, least, most in node.ranges}
+    choices = dict(node.choices)
     for name, value in options.items():
         if name not in known:
             raise UsageError(
@@ -36,6 +37,11 @@ def check_options(node: type[Node], options: dict[str, object], path: Path) -> N
             raise UsageError(
                 f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected "
                 f"{wanted.__name__}"
+            )
+        if name in choices and value not in choices[name]:
+            raise UsageError(
+                f"{path}: option {name!r} of node {node.name!r} is {value!r}, expected "
+                f"{' or '.join(map(repr, choices[name]))}"
             )
         least, most = ranges.get(name, (-math.inf, math.inf))
         if isinstance(value, int | float) and not (math.isfinite(value) and least <= value <= most):

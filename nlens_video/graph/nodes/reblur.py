@@ -6,7 +6,6 @@ import operator
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
-from nlens_video.core.errors import UsageError
 from nlens_video.effects.motion_blur import mean_layer
 from nlens_video.effects.planner import DEFOCUS
 from nlens_video.graph.base.node import DEPTH_RANGE, DEPTH_STEPS, OUT_OF_FOCUS, Node, Unavailable
@@ -40,16 +39,12 @@ if TYPE_CHECKING:
     from nlens_video.stages.l_view_blend import ViewBlend
 
 
-def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
-    """The layered scatter that several nodes share, `fine`, or `draft` for layers that are soft.
+_DETAILS = {"fine": FINE, "draft": DRAFT}
 
-    Raises:
-        UsageError: there is no such detail.
-    """
-    details = {"fine": FINE, "draft": DRAFT}
-    if detail not in details:
-        raise UsageError(f"node 'reblur': no detail {detail!r}; there are {', '.join(details)}")
-    chosen = details[detail]
+
+def make_reblur(context: NodeContext, detail: str = "fine") -> ReblurLayer:
+    """The layered scatter that several nodes share, `fine`, or `draft` for layers that are soft."""
+    chosen = _DETAILS[detail]
     return ReblurLayer(
         scatter=partial(scatter, aperture=context.aperture, detail=chosen, spread=context.spread),
         reach=partial(blur_reach, aperture=context.aperture, detail=chosen),
@@ -172,6 +167,7 @@ class Scatter(Node):
     name, writes = "reblur", "blurred"
     effect, lane, when = DEFOCUS, "composite", OUT_OF_FOCUS
     same_with = ("defocused", "frame_box")
+    choices = (("detail", tuple(_DETAILS)),)
 
     def __init__(self, context: NodeContext, *, detail: str = "fine") -> None:
         self._reblur = make_reblur(context, detail)
