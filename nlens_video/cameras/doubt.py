@@ -54,7 +54,7 @@ def doubt(solved: SolvedCamera, *, from_file: bool = False) -> str:
 
     Args:
         solved: the camera.
-        from_file: whether a file gave it, which is then not to be given again.
+        from_file: whether the user gave it by a file.
     """
     fov, errors = solved.keys[0].fov_x_deg, solved.errors
     guessed = solved.fov == solved.horizon == "assumed"

@@ -129,7 +129,8 @@ def solved_camera(settings: Settings, console: Console) -> Iterator[Settings]:
         if said := missed(camera):
             console.note(said)
         path.write_text(camera.to_json(), encoding="utf-8")
-        yield replace(settings, scene=replace(settings.scene, camera_from=path))
+        scene = replace(settings.scene, camera_from=path, camera_solved=True)
+        yield replace(settings, scene=scene)
 
 
 def camera_of_run(

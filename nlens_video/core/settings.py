@@ -162,6 +162,7 @@ class ObjectSettings:
         scene: name or number of the file's scene, None for its default one.
         fov_deg: field of view across the frame's width of a placed object, None to find it [deg].
         camera_from: file of the plate's camera, None for the GLB's own or for `placing`.
+        camera_solved: whether the run has solved that camera and written the file itself.
         at_frame: frame of the plate on which `placing` holds, where its camera moves [1].
         keys: how its place, size and turn change over time.
         others: objects beside it.
@@ -180,6 +181,7 @@ class ObjectSettings:
     scene: str | None = None
     fov_deg: float | None = None
     camera_from: Path | None = None
+    camera_solved: bool = False
     at_frame: int = 0
     keys: PlaceKeys = NO_KEYS
     others: tuple[FurtherObject, ...] = ()

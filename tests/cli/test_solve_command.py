@@ -290,6 +290,23 @@ def test_run_solves_the_camera_by_itself_and_says_what_it_assumes(files, tmp_pat
     assert out.is_file()
 
 
+def test_remedies_of_an_uncertain_camera_name_no_file_that_the_user_did_not_give(files, tmp_path):
+    words = ("--fallback", "constant", "--preset", "draft", "--no-progress")
+    run = nlens(files / "still.png", files / "bare.glb", tmp_path / "out.png", *words)
+    assert run.returncode == 0, run.stderr
+    (note,) = [line for line in run.stderr.splitlines() if "camera is uncertain" in line]
+    assert "give --fov DEG if the lens is known, " in note
+    assert note.endswith(", or --camera-from CAMERA")
+    assert "solve" not in note and "without --camera-from" not in note
+    solved(files, "still.png", tmp_path)
+    words = (*words, "--camera-from", tmp_path / "camera.json")
+    run = nlens(files / "still.png", files / "bare.glb", tmp_path / "given.png", *words)
+    assert run.returncode == 0, run.stderr
+    (note,) = [line for line in run.stderr.splitlines() if "camera is uncertain" in line]
+    assert "give --fov DEG to `nlens-video solve` if the lens is known, " in note
+    assert note.endswith(", or another --camera-from CAMERA")
+
+
 def test_farm_asks_for_a_solved_camera(files, tmp_path):
     run = nlens("farm", files / "pan.mkv", files / "bare.glb", tmp_path / "out.mkv", "--plan")
     one_line(run, 4)

@@ -230,9 +230,10 @@ def _with_solved_camera(
     why = "a guess: no line or blur tells that this is ground" if guessed else "chosen"
     chosen = "" if wish.at else f" ({why}; --at X,Y and --size S place it elsewhere)"
     found = what_was_found(solved)
-    uncertain = doubt(solved, from_file=objects.camera_from is not None)
-    given = {"--at": wish.at, "--size": wish.size, "--height": wish.height_m}
-    option = next((name for name, value in given.items() if value is not None), "--yaw")
+    given = objects.camera_from is not None and not objects.camera_solved
+    uncertain = doubt(solved, from_file=given)
+    placed = {"--at": wish.at, "--size": wish.size, "--height": wish.height_m}
+    option = next((name for name, value in placed.items() if value is not None), "--yaw")
     unused = (
         f"the file's own camera is not used: {option} places the object; leave {option} out to "
         "use that camera"
