@@ -35,7 +35,7 @@ ELSEWHERE = {
     "nlens-video farm": "tests/farm",
     "nlens-video merge": IN_A_SHELL,
     "nlens-video studio": "tests/studio; it serves until it is interrupted",
-    "nlens-video study make --demo": "tests/evaluate; it renders for a minute",
+    "nlens-video study make --demo": "tests/evaluate; it renders for minutes",
     "nlens-video study make PICTURES": IN_A_SHELL,
     "nlens-video study analyse": IN_A_SHELL,
     "--marker 0.2m": "tests/cli/test_solve_scale.py, whose plate shows a marker",

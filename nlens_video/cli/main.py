@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nlens_video.cli.completion import complete, print_completion
-from nlens_video.cli.doctor import require_memory
+from nlens_video.cli.doctor import examine, require_memory
 from nlens_video.cli.library_defaults import set_library_defaults
 from nlens_video.cli.loading import loading
 from nlens_video.cli.output_files import check_outputs, drop_protocol
@@ -228,8 +228,6 @@ def _with_camera(args: Namespace, settings: Settings, console: Console) -> int:
 
 
 def _doctor(args: Namespace) -> int:
-    from nlens_video.cli.doctor import examine
-
     return examine(as_json=args.json)
 
 
@@ -262,12 +260,13 @@ def _study(args: Namespace) -> int:
 
     if args.what == "make" and args.demo == (args.folder is not None):
         raise UsageError("study make: give either a FOLDER of pictures or --demo, then OUT.html")
+    said = {"as_json": args.json, "quiet": args.quiet}
     if args.what == "make" and args.demo:
-        make_demo(args.page)
+        make_demo(args.page, **said)
     elif args.what == "make":
-        make_study(args.folder, args.page, args.choices, args.things)
+        make_study(args.folder, args.page, args.choices, args.things, **said)
     else:
-        analyse_answers(args.answers, args.reference, as_json=args.json, quiet=args.quiet)
+        analyse_answers(args.answers, args.reference, **said)
     return 0
 
 

@@ -3,6 +3,7 @@ from collections import Counter
 import cv2
 import numpy as np
 import pytest
+from support.terminal import Terminal, program
 
 from nlens_video.cli.main import main
 from nlens_video.evaluate.study import demo
@@ -59,6 +60,12 @@ def test_our_method_blurs_only_the_ball_that_is_out_of_focus(folder):
         return float(np.percentile(steps[0], 99) / np.percentile(steps[1], 99))
 
     assert kept("back") < 0.5 and kept("middle") < 0.5 and kept("front") > 0.7
+
+
+@pytest.mark.needs_gl
+def test_demo_study_shows_its_progress_on_a_terminal(tmp_path):
+    with Terminal(program("study", "make", "--demo", tmp_path / "study.html")) as terminal:
+        assert "%" in terminal.wait_for("rendering plates")
 
 
 @pytest.mark.parametrize("words", [["a", "b.html", "--demo"], ["b.html"]])

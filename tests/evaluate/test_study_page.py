@@ -43,6 +43,18 @@ def made(tmp_path_factory):
     return page, stimuli
 
 
+def test_study_page_is_said_to_be_written_with_its_number_of_pictures(made, tmp_path):
+    page, stimuli = made
+    pictures, out = page.parent.parent / "pictures", tmp_path / "study.html"
+    said = nlens("study", "make", pictures, out)
+    assert said.stderr == f"wrote  {out}, {len(stimuli)} pictures\n" and not said.stdout
+    quiet = nlens("study", "-q", "make", pictures, out, "-y")
+    assert not quiet.stderr and not quiet.stdout
+    as_json = nlens("study", "--json", "make", pictures, out, "-y")
+    assert json.loads(as_json.stdout) == {"saved": str(out), "pictures": len(stimuli)}
+    assert not as_json.stderr
+
+
 def test_study_page_is_self_contained_and_well_formed(made):
     path, stimuli = made
     text = path.read_text()

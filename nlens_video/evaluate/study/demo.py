@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -22,6 +23,7 @@ from nlens_video.evaluate.bench.methods import one_frame, opened, preset_rungs, 
 from nlens_video.evaluate.bench.shapes import ball, sheet, woven
 from nlens_video.evaluate.coc.baselines import nearest_blur
 from nlens_video.evaluate.composite.methods import DEFAULT, BlindAugmentation
+from nlens_video.evaluate.report import track
 from nlens_video.evaluate.study.page import Stimulus, write_stimuli
 from nlens_video.graph.base.profiler import Profiler
 from nlens_video.render.select import choose_renderer
@@ -55,13 +57,16 @@ class _Plate:
     blind: BlindAugmentation
 
 
-def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -> list[Stimulus]:
+def write_demo(
+    folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS, *, quiet: bool = False
+) -> list[Stimulus]:
     """Make the 81 pictures and their list.
 
     Args:
         folder: gets them; it exists.
         size: columns and rows [px].
         views: points of the lens that a plate is the mean of [1].
+        quiet: show no progress.
 
     Raises:
         NlensError: the renderer cannot run, or a plate does not tell its lens.
@@ -70,7 +75,7 @@ def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -
     for colour, path in balls.items():
         write_glb(path, [_ball(_VIRTUAL[colour], colour)], _YFOV)
     stimuli = []
-    for plate in _plates(folder, size, views):
+    for plate in _plates(folder, size, views, quiet=quiet):
         for colour, glb in balls.items():
             for method, picture in _composites(plate, glb):
                 parts = (plate.aperture.replace("/", ""), plate.focus, colour, method)
@@ -86,7 +91,7 @@ def write_demo(folder: Path, size: tuple[int, int] = SIZE, views: int = VIEWS) -
     return stimuli
 
 
-def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]:
+def _plates(folder: Path, size: tuple[int, int], views: int, *, quiet: bool) -> Iterator[_Plate]:
     path = folder / "table.glb"
     write_glb(path, [*_room(), *(_ball(at, colour) for colour, at in _REAL.items())], _YFOV)
     scene, frame = Scene.load(path), Box(0, 0, *size)
@@ -96,18 +101,18 @@ def _plates(folder: Path, size: tuple[int, int], views: int) -> Iterator[_Plate]
         if seen is None or seen.box != frame:
             raise RuntimeError("the room does not fill the frame")
         sharp = _coded(seen.rgba)
-        for aperture, strength in _APERTURES.items():
-            for focus, at in _FOCUSES.items():
-                slope = strength * size[0] / SIZE[0]
-                fit = LensFit(
-                    slope=slope, intercept=-slope / at, width=frame.width, height=frame.height
-                )
-                shot = LensSetup(time_s=0.0, camera=camera, fit=fit, frame=frame)
-                lens = lens_views(renderer, shot, bare_points(views))
-                codes = _coded(lens.rgba)
-                blur = nearest_blur(*(np.float32(1 / 255) * one for one in (codes, sharp)))
-                blind = BlindAugmentation(blur, fit.coc_px(1.0 / seen.depth), fit)
-                yield _Plate(aperture=aperture, focus=focus, fit=fit, codes=codes, blind=blind)
+        lenses = list(product(_APERTURES.items(), _FOCUSES.items()))
+        for (aperture, strength), (focus, at) in track(lenses, "rendering plates", quiet=quiet):
+            slope = strength * size[0] / SIZE[0]
+            fit = LensFit(
+                slope=slope, intercept=-slope / at, width=frame.width, height=frame.height
+            )
+            shot = LensSetup(time_s=0.0, camera=camera, fit=fit, frame=frame)
+            lens = lens_views(renderer, shot, bare_points(views))
+            codes = _coded(lens.rgba)
+            blur = nearest_blur(*(np.float32(1 / 255) * one for one in (codes, sharp)))
+            blind = BlindAugmentation(blur, fit.coc_px(1.0 / seen.depth), fit)
+            yield _Plate(aperture=aperture, focus=focus, fit=fit, codes=codes, blind=blind)
 
 
 def _composites(plate: _Plate, glb: Path) -> Iterator[tuple[str, UInt8]]:

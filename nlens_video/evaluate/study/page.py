@@ -19,6 +19,7 @@ from pathlib import Path
 from string import Template
 
 from nlens_video.core.errors import InputError, UsageError
+from nlens_video.core.stdio import escape_controls, print_out, standard_error
 from nlens_video.video.atomic_files import check_folder, replacing
 
 LIST = "stimuli.csv"
@@ -130,14 +131,18 @@ def _picture_address(path: Path) -> str:
     return f"data:{_TYPES[path.suffix.lower()]};base64,{data}"
 
 
-def make_study(folder: Path, out: Path, choices: str | None, things: str) -> None:
-    """Write the study's page.
+def make_study(
+    folder: Path, out: Path, choices: str | None, things: str, *, as_json: bool, quiet: bool
+) -> None:
+    """Write the study's page and say so.
 
     Args:
         folder: pictures and their list.
         out: the page.
         choices: answers beside "No", separated by commas; None for all that are right once.
         things: what is looked for, in the plural.
+        as_json: say it as JSON on standard output.
+        quiet: say nothing but JSON.
 
     Raises:
         InputError: the pictures or their list cannot be used.
@@ -157,10 +162,20 @@ def make_study(folder: Path, out: Path, choices: str | None, things: str) -> Non
     page = study_page(folder, stimuli, offered, things)
     with replacing(out) as partial:
         partial.write_text(page, encoding="utf-8")
+    if as_json:
+        print_out(json.dumps({"saved": str(out), "pictures": len(stimuli)}, indent=2) + "\n")
+    elif not quiet:
+        told = escape_controls(f"{'wrote':7}{out}, {len(stimuli)} pictures")
+        standard_error().write(f"{told}\n")
 
 
-def make_demo(out: Path) -> None:
+def make_demo(out: Path, *, as_json: bool, quiet: bool) -> None:
     """Make pictures of rendered balls on a table, and the page that asks about them.
+
+    Args:
+        out: the page.
+        as_json: as of `make_study`.
+        quiet: as of `make_study`; then no progress is shown either.
 
     Raises:
         NlensError: the renderer cannot run.
@@ -170,5 +185,5 @@ def make_demo(out: Path) -> None:
 
     check_folder(out)
     with tempfile.TemporaryDirectory() as folder:
-        write_demo(Path(folder))
-        make_study(Path(folder), out, CHOICES, "billiard balls")
+        write_demo(Path(folder), quiet=quiet)
+        make_study(Path(folder), out, CHOICES, "billiard balls", as_json=as_json, quiet=quiet)
