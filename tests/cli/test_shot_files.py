@@ -66,7 +66,7 @@ def finished(still, tmp_path):
     return kept
 
 
-@pytest.mark.parametrize("words", [["--frame", "0"], ["--range", "0:1", "--crf", "20"]])
+@pytest.mark.parametrize("words", [["--frame", "0"], ["--range", "0:1", "--device", "cpu"]])
 def test_finished_result_of_a_shot_is_not_replaced_by_a_part_of_it(finished, tmp_path, words):
     said = one_line(nlens(finished, *words, "-q"), 2)
     assert f"give the part another OUT, nlens-video {finished} OUT, or --overwrite" in said
