@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.planes import of_map
 
 from nlens_video.core.layers import CocMap
 from nlens_video.graph.base.values import FoundLens
@@ -20,7 +21,7 @@ def found(intercept, *, alike=0.0, seed=0):
     disparity = np.repeat(np.linspace(0.2, 0.7, 90)[:, None], 120, axis=1)
     mask = np.zeros(disparity.shape, bool)
     mask[40:60, 40:80] = True
-    ground = GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+    ground = GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
     true = np.abs(SLOPE * disparity + intercept)
     read = (1 - alike) * true + alike * np.median(true)
     noise = 0.1 * np.random.default_rng(seed).standard_normal(read.shape)

@@ -7,6 +7,7 @@ from hard.drawing import INK, OTHER, OURS, PALE, heat, over_grey, panels, plot
 from hard.objects import LENS, PRESETS, SIZE, composited, cube, folder, plate_bgr
 from hard.quality_levels import QUALITIES, Card, camera, cards, lens_at, sharp, through
 from support.glb_builder import GlbBuilder
+from support.planes import of_map
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box, CocMap, ObjectLayer
@@ -28,7 +29,7 @@ def _flat_ground(span: float) -> GroundProjection:
     disparity = np.repeat(rows[:, None], COLUMNS, axis=1)
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
-    return GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+    return GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
 
 
 def _spans(spans):
@@ -70,7 +71,7 @@ def test_ground_of_negative_disparity():
     disparity = np.repeat(rows[:, None], COLUMNS, axis=1)
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[80:100, 90:150] = True
-    plane = GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+    plane = GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
     coc = np.abs(30.0 * (disparity - 0.4)).astype(np.float32)
     fits = []
     for sky in (0.0, 500.0, np.nan):
@@ -261,7 +262,7 @@ def test_ground_plane_seen_edge_on():
     said = []
     for disparity in (np.zeros((ROWS, COLUMNS)), -np.ones((ROWS, COLUMNS))):
         mask = np.zeros(disparity.shape, bool)
-        plane = GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+        plane = GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
         coc = np.full(disparity.shape, 5.0, np.float32)
         try:
             FitLens()(CocMap(coc_px=coc, sigma_px=np.ones_like(coc)), plane)

@@ -3,6 +3,7 @@
 import numpy as np
 from hard.catalogue import Outcome, at_least, at_most, case, exactly
 from hard.drawing import OTHER, OURS, PALE, plot
+from support.planes import of_map
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
@@ -18,7 +19,7 @@ def _ground(far: float = 0.0) -> GroundProjection:
     disparity = np.repeat(rows[:, None], COLUMNS, axis=1)
     mask = np.zeros((ROWS, COLUMNS), bool)
     mask[70:90, 90:150] = True
-    return GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+    return GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
 
 
 def _true(plane: GroundProjection, focus: float = FOCUS) -> np.ndarray:

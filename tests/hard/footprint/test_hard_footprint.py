@@ -3,6 +3,7 @@
 import numpy as np
 from hard.catalogue import Outcome, at_most, case, exactly
 from hard.drawing import OTHER, OURS, heat, panels, plot
+from support.planes import of_map
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import CocMap
@@ -19,7 +20,7 @@ THERE = 0.55  # disparity in the middle of the footprint
 def _ground(mask: np.ndarray) -> GroundProjection:
     rows = (np.arange(ROWS) - 20) / (ROWS - 20)
     disparity = np.repeat(rows[:, None], COLUMNS, axis=1)
-    return GroundProjection(mask=mask, disparity=disparity, ground_y=0.0)
+    return GroundProjection(mask=mask, disparity_of=of_map(disparity), ground_y=0.0)
 
 
 def _mask(pixels: int) -> np.ndarray:
