@@ -129,7 +129,7 @@ def moving_mattes(picture: Picture, moving: MovingMatte) -> Foreground:
             box=moving.box,
             coverage=moving.coverage * moving.before,
             light=scaled_pixels(own, moving.before),
-        ),  # fmt: skip
+        ),
         before_ground=over_ground,
         before_shadow=over_ground,
     )

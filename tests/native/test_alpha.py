@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from support.made_triangles import HEIGHT, WIDTH, empty_samples, set_up, shown
 from support.native_levels import assert_same_bits
-from support.rasteriser import layered_block
+from support.rasteriser import atlas_of, layered_block
 
 from nlens_video.native import kernels
 from nlens_video.render.base.light_depth import NO_MAPS
 from nlens_video.render.base.shader_inputs import MATERIAL_FLOATS, SLOTS
 from nlens_video.render.software import raster
 from nlens_video.render.software.shading_inputs import CUT, LAYERED, UNLIT
-from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import surround
-from nlens_video.scene.gltf.textures import Image, Picture
 
 FLAGS = (0, CUT, UNLIT, LAYERED, LAYERED | CUT)
 ROWS = (0, HEIGHT)
@@ -24,14 +22,7 @@ ROWS = (0, HEIGHT)
 def made_paint(rng):
     """Materials with all flags, every second one with textures in all slots."""
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
-    image = Image(
-        picture=Picture(lambda: pixels),
-        srgb=True,
-        mag_filter=9729,
-        min_filter=9987,
-        wrap=(10497, 33648),
-    )
-    atlas = Atlas.of([image])
+    atlas = atlas_of(pixels, wrap=(10497, 33648))
     numbers = rng.random((len(FLAGS), MATERIAL_FLOATS), np.float32)
     maps = np.full((len(FLAGS), len(SLOTS)), -1, np.int32)
     maps[::2] = 0

@@ -3,23 +3,18 @@
 import numpy as np
 import pytest
 from support.native_levels import assert_same_bits
-from support.rasteriser import random_block
+from support.rasteriser import atlas_of, random_block
 
 from nlens_video.native import kernels
 from nlens_video.render.base.light_depth import NO_MAPS
-from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import surround
-from nlens_video.scene.gltf.textures import Image, Picture
 
 REPEAT, MIRROR, CLAMP = 10497, 33648, 33071
 
 
 def made_atlas(rng, least, wrap):
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
-    image = Image(
-        picture=Picture(lambda: pixels), srgb=True, mag_filter=9729, min_filter=least, wrap=wrap
-    )
-    made = Atlas.of([image])
+    made = atlas_of(pixels, min_filter=least, wrap=wrap)
     return made.texels, made.levels, made.table
 
 

@@ -7,13 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import shading_block as at
-from support.rasteriser import NOTHING_AROUND, drawn, random_block, resolved, surface, truth
+from support.rasteriser import (
+    NOTHING_AROUND,
+    atlas_of,
+    drawn,
+    random_block,
+    resolved,
+    surface,
+    truth,
+)
 
 from nlens_video.native import kernels
 from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software.deferred import resolve_depth
-from nlens_video.render.software.textures import Atlas
-from nlens_video.scene.gltf.textures import Image, Picture
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.4, 2.0, 8.0]))
@@ -112,17 +118,7 @@ def test_texture_filtering_and_wrapping_agree_with_the_reference(wrap, least):
     rng = np.random.default_rng(least + wrap)
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
     for mag in (9728, 9729):
-        atlas = Atlas.of(
-            [
-                Image(
-                    picture=Picture(lambda: pixels),
-                    srgb=True,
-                    mag_filter=mag,
-                    min_filter=least,
-                    wrap=(wrap, wrap),
-                )
-            ]
-        )
+        atlas = atlas_of(pixels, mag_filter=mag, min_filter=least, wrap=(wrap, wrap))
         uv, got = np.empty((6, 150), np.float32), np.empty((4, 150), np.float32)
         uv[:2] = rng.uniform(-2.5, 3.5, (2, 150))
         uv[2:] = rng.normal(size=(4, 150)) * 10.0 ** rng.uniform(-3, 0, 150)
@@ -136,17 +132,7 @@ def test_texture_filtering_and_wrapping_agree_with_the_reference(wrap, least):
 def test_mip_levels_are_averaged_in_linear_light():
     pixels = np.zeros((2, 2, 4), np.uint8)
     pixels[0], pixels[..., 3] = 255, 255
-    atlas = Atlas.of(
-        [
-            Image(
-                picture=Picture(lambda: pixels),
-                srgb=True,
-                mag_filter=9729,
-                min_filter=9987,
-                wrap=(10497, 10497),
-            )
-        ]
-    )
+    atlas = atlas_of(pixels)
     smallest = atlas.texels.reshape(-1, 4)[atlas.levels[-1, 0]]
     np.testing.assert_allclose(smallest, [32768, 32768, 32768, 65535], atol=1)
 

@@ -41,7 +41,10 @@ def textured(folder, side, count):
     return path
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.skipif(
+    sys.platform != "linux",
+    reason="a process reads its own peak of memory off /proc, which Linux alone has",
+)
 def test_textures_take_their_levels_and_a_picture_more(tmp_path):
     side, count = 2048, 8
     command = [sys.executable, "-c", MEASURE, str(textured(tmp_path, side, count))]

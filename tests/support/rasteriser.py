@@ -8,11 +8,22 @@ from support import shading_block as at
 from nlens_video.core.layers import Box
 from nlens_video.render.base.light_depth import NO_MAPS
 from nlens_video.render.software import raster, reference_kernels, triangles
+from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import Camera, screen_projection
+from nlens_video.scene.gltf.textures import Image, Picture
 
 SIZE = (24, 32)
 NOTHING_AROUND = np.zeros((0, 4), np.float32), np.zeros((0, 0, 0, 4), np.float32), NO_MAPS
 """Ambient light, what is mirrored and depth maps, of `deferred.Lights`."""
+
+
+def atlas_of(pixels, *, mag_filter=9729, min_filter=9987, wrap=(10497, 10497)):
+    """The atlas of one picture of colours; filters and wrapping as glTF numbers them."""
+    image = Image(
+        picture=Picture(lambda: pixels), srgb=True, mag_filter=mag_filter, min_filter=min_filter,
+        wrap=wrap,
+    )  # fmt: skip
+    return Atlas.of([image])
 
 
 def drawn(positions, faces, *, near=0.5, sides=1, rows=None):

@@ -22,6 +22,7 @@ from support.glb_builder import GlbBuilder
 from support.light_views import made_maps, made_points
 from support.rasteriser import (
     NOTHING_AROUND,
+    atlas_of,
     drawn,
     layered_block,
     layered_surface,
@@ -72,10 +73,8 @@ from nlens_video.render.software import raster, reference_kernels
 from nlens_video.render.software.deferred import resolve_depth
 from nlens_video.render.software.renderer import SoftwareObjectRenderer
 from nlens_video.render.software.shading_inputs import LAYERED
-from nlens_video.render.software.textures import Atlas
 from nlens_video.scene import Camera, Scene, screen_projection
 from nlens_video.scene.gltf import animation_kernels
-from nlens_video.scene.gltf.textures import Image, Picture
 from nlens_video.stages.l_aperture_samples import even_points
 from nlens_video.video.pixels import blend, blend_ref
 from nlens_video.video.pixels.samples import array_samples
@@ -320,17 +319,7 @@ def _shading() -> dict[str, tuple[float, float]]:
     ]).T  # fmt: skip
     made["layers of a surface"] = (np.abs((fields[red] - exact) / (1e-3 + exact)).max(), 2e-5)
     pixels = rng.integers(0, 256, (12, 20, 4), np.uint8)
-    atlas = Atlas.of(
-        [
-            Image(
-                picture=Picture(lambda: pixels),
-                srgb=True,
-                mag_filter=9729,
-                min_filter=9987,
-                wrap=(10497, 10497),
-            )
-        ]
-    )
+    atlas = atlas_of(pixels)
     uv, texels = np.empty((6, 60), np.float32), np.empty((4, 60), np.float32)
     uv[:2], uv[2:] = rng.uniform(-2.5, 3.5, (2, 60)), rng.normal(size=(4, 60)) * 0.05
     kernels.sample_texture(uv, (atlas.texels, atlas.levels, atlas.table), 0, texels)
