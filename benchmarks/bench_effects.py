@@ -17,7 +17,6 @@ import struct
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -25,6 +24,7 @@ import av
 import cv2
 import numpy as np
 from bench_demo import SAMPLES, transcode
+from msgspec.structs import replace
 
 from nlens_video.core.objects import Playback
 from nlens_video.core.settings import (

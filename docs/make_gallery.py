@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from unittest.mock import patch
@@ -20,6 +20,7 @@ import av
 import gallery_objects as objects
 import numpy as np
 from make_picture import frame_of
+from msgspec.structs import replace
 from PIL import Image, ImageDraw, ImageFont
 
 from nlens_video import Compositor

@@ -176,3 +176,5 @@ def test_documentation_site_builds_without_warnings(tmp_path):
     } <= pages
     python = (tmp_path / "site" / "python.html").read_text()
     assert "process_av" in python and "shutter_deg" in python
+    words = "".join(re.sub("<[^>]+>", "", python).split())
+    assert "LensFit(*,slope:float,intercept:float,slope_stderr:float=0.0," in words  # a struct's

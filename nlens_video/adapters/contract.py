@@ -11,11 +11,12 @@ rules, and `tests/support/conformance.py` checks them on each:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from difflib import get_close_matches
 from inspect import signature
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct, field
 
 from nlens_video.compositor.compositor import Compositor
 from nlens_video.core.color import ColorTags
@@ -30,8 +31,7 @@ OPTIONS = frozenset(signature(Compositor).parameters) - {"glb"}
 """Names of the options that `open` takes."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Frame:
+class Frame(Struct, frozen=True, kw_only=True, eq=False):
     """One frame in the memory of the program that asks.
 
     Attributes:

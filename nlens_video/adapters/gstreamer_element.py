@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import inspect
 import json
-from dataclasses import asdict
 from fractions import Fraction
 from typing import Any, ClassVar, TypeAlias
 
 import gi
 import numpy as np
+from msgspec.structs import asdict
 
 from nlens_video.adapters import contract
 from nlens_video.compositor.compositor import Compositor

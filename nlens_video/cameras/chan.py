@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.cameras.ground_grid import on_ground_zero
 from nlens_video.cameras.solved import CameraKey, SolvedCamera

@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, SolvedCamera
@@ -41,8 +41,7 @@ _SUFFIX = re.compile(r"\.\d*[A-Za-z]\w*$")  # of a name: `.jp2`, not the `.0001`
 _COUNTED = re.compile(r"# *Number of \w+: (\d+)")
 
 
-@dataclass(frozen=True, slots=True)
-class _Lens:
+class _Lens(Struct, frozen=True):
     """A camera of a model.
 
     Attributes:

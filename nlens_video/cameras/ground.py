@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.layers import Bool, Float64

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.placement import contact_depth, shown_at
 from nlens_video.cameras.solved import SolvedCamera
@@ -20,8 +21,7 @@ _SMALLER = 0.85
 _LOWEST = 0.9  # row of the horizon under which enough ground is left [frame height]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlacedCamera:
+class PlacedCamera(Struct, frozen=True, kw_only=True, eq=False):
     """The cameras of a plate in the world of an object's file.
 
     The object keeps its position in the file; the cameras move.

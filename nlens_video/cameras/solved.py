@@ -5,11 +5,12 @@ from __future__ import annotations
 import bisect
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
 import cv2
 import numpy as np
+from msgspec import Struct, field
+from msgspec.structs import asdict, replace
 
 from nlens_video.core.box import Box, half_diagonal, undistorted_radius
 from nlens_video.core.errors import SceneError
@@ -29,8 +30,7 @@ LARGEST = 1e9
 """Numbers beyond that are taken for mistakes."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CameraKey:
+class CameraKey(Struct, frozen=True, kw_only=True, eq=False):
     """The camera of one frame.
 
     Attributes:
@@ -66,8 +66,7 @@ class CameraKey:
         return math.degrees(math.atan2(float(right), float(up)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CameraErrors:
+class CameraErrors(Struct, frozen=True, kw_only=True):
     """Standard errors; the defaults are those of a camera about which nothing is known [deg]."""
 
     fov_deg: float = 20.0
@@ -75,8 +74,7 @@ class CameraErrors:
     roll_deg: float = 3.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SolvedCamera:
+class SolvedCamera(Struct, frozen=True, kw_only=True, eq=False):
     """The camera of a plate, in a world whose ground is horizontal.
 
     Attributes:

@@ -11,12 +11,12 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.cameras.camera_json import DESCRIPTION, described_camera, description
 from nlens_video.cameras.fspy import Y_UP_FROM_Z_UP

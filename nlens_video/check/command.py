@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Generator
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.check.frames import (
@@ -50,8 +52,7 @@ FINDINGS = 1
 _ROUNDING_S = 0.001
 
 
-@dataclass(frozen=True, slots=True)
-class Checked:
+class Checked(Struct, frozen=True):
     """A check: the verdict, and the tracks of the objects for its charts."""
 
     verdict: Verdict

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.check.levels import WHITE, alpha_levels, goes_above_white, levels
 from nlens_video.core import signals
@@ -33,8 +33,7 @@ _OPAQUE = 254.0  # alpha above which nothing shows through [level]
 _BEYOND = 50  # frames to search after such a match
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameFeatures:
+class FrameFeatures(Struct, frozen=True, eq=False):
     """Features of one frame that the check compares.
 
     Attributes:
@@ -108,8 +107,7 @@ def block_rms(first: FrameFeatures, second: FrameFeatures) -> Float32:
     return np.asarray(np.sqrt(block_mean(np.square(first.luma - second.luma))), np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Pair:
+class Pair(Struct, frozen=True, eq=False):
     """A frame of the result and the plate's frame of that time.
 
     Attributes:
@@ -147,8 +145,7 @@ class Pair:
         return self.result.alpha is None and alpha is not None and bool((alpha < _OPAQUE).any())
 
 
-@dataclass(frozen=True, slots=True)
-class Unpaired:
+class Unpaired(Struct, frozen=True):
     """A frame without a partner: the plate's (`dropped`), or one that the result has added."""
 
     index: int

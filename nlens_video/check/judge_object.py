@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.check.presence import judge_freezes
 from nlens_video.check.regions import SECTORS, Track, beside
@@ -36,8 +36,7 @@ _DARK = 8.0  # light below which noise would be a change [level]
 _COLOURS = ("red", "green", "blue")
 
 
-@dataclass(frozen=True, slots=True)
-class _Series:
+class _Series(Struct, frozen=True):
     """One quantity on every frame of a span.
 
     Attributes:
@@ -51,8 +50,7 @@ class _Series:
     error: Float64 | float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Way:
+class _Way(Struct, frozen=True):
     """The place along one axis, on every frame of a span.
 
     Attributes:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Literal
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.check.frames import BLOCK_PX, Pair
 from nlens_video.check.regions import Mask
@@ -35,8 +35,7 @@ WORDS: dict[_Kind, Callable[[float], str]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Likeness:
+class Likeness(Struct, frozen=True):
     """What the plate's textured blocks became; nothing where they are too few.
 
     Attributes:
@@ -50,8 +49,7 @@ class Likeness:
     colours: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Fault:
+class Fault(Struct, frozen=True):
     """The first kind of fault of a frame, which brings about the others, and its size."""
 
     kind: _Kind

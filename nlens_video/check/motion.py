@@ -8,10 +8,11 @@ behind the outline nor the frame's edge counts for the object's own.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.check.frames import BLOCK_PX, FrameFeatures
 from nlens_video.core.layers import Bool, Box, Float32, Float64
@@ -30,8 +31,7 @@ _SETTLED_PX, _UNSETTLED_PX = 0.01, 0.1
 _LEAST_GRADIENT = 0.3  # root mean square along the weaker axis [level/px]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class Look(Struct, frozen=True, eq=False):
     """A frame of the result, as it is registered.
 
     Attributes:
@@ -72,8 +72,7 @@ class Look:
         return parts
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Template:
+class Template(Struct, frozen=True, eq=False):
     """An object on one frame, to be found on the next.
 
     Attributes:

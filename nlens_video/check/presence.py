@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.check.measure import Measures
 from nlens_video.check.regions import Track, beside
@@ -29,8 +29,7 @@ _RESTS = 0.25  # share of the plate's motion around that it has where the camera
 _WITH_PLATE = 0.5  # share of the plate's motion by which what stands on the ground is off it [1]
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
+class _Seen(Struct, frozen=True):
     """An object on a frame beside others that lack it: `back` leads away from these."""
 
     track: Track

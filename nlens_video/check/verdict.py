@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict
 
 from nlens_video.check.regions import Track
 from nlens_video.core.layers import Float64
@@ -41,8 +42,7 @@ KINDS: dict[Kind, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """A fault of the result.
 
     Attributes:
@@ -69,8 +69,7 @@ def at(kind: Kind, frames: tuple[int, int] | None, value: float, text: str) -> F
     return Finding(kind=kind, frame=first, last=last, value=value, text=f"{where}: {text}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Struct, frozen=True, kw_only=True):
     """A result compared with its plate.
 
     Attributes:
@@ -104,7 +103,11 @@ class Verdict:
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` prints it."""
-        return {"fine": self.fine, **asdict(self)}
+        return {
+            "fine": self.fine,
+            **asdict(self),
+            "findings": [asdict(one) for one in self.findings],
+        }
 
     def as_text(self) -> list[str]:
         """A line for each kind, followed by its findings."""

@@ -6,10 +6,10 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING
 
+from msgspec.structs import asdict
 from rich.console import Console as RichConsole
 
 from nlens_video.core import signals

@@ -9,8 +9,10 @@ import platform
 import resource
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import asdict
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.stdio import print_out
@@ -88,8 +90,7 @@ def _meminfo() -> str:
         return ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """The result of one check.
 
     Attributes:

@@ -14,9 +14,10 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+
+from msgspec import Struct
 
 from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.core.stdio import escape_controls, standard_error
@@ -32,8 +33,7 @@ _OUR_PAGES = (f'name="generator" content="{GENERATOR}"', '<p class="eyebrow">nle
 _MOST_PAGE_BYTES = 1 << 28
 
 
-@dataclass(frozen=True, slots=True)
-class Use:
+class Use(Struct, frozen=True):
     """Files that a command reads or writes.
 
     Attributes:

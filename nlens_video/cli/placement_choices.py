@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.objects import ALL
 from nlens_video.core.placement import Placement
@@ -14,8 +16,7 @@ _ASIDE, _ALONG = 0.2, 0.3  # of the frame's width; of the way to the lower borde
 _LENS_FACTOR = 0.5  # of the field of view: a longer lens, from farther away [1]
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
+class Choice(Struct, frozen=True):
     """A placement and the field of view that it is seen with.
 
     Attributes:

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.cameras.placed import default_placement, place_on_ground
@@ -194,8 +195,7 @@ def _drawn(
     return np.vstack([np.hstack(cells[at : at + _ACROSS]) for at in range(0, len(cells), _ACROSS)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Stand:
+class _Stand(Struct, frozen=True):
     """What all placements share: object, plate, its camera where it is solved."""
 
     vertices: Float32

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.solved import GIVEN_FOV, SolvedCamera
 from nlens_video.core import signals
@@ -47,8 +48,7 @@ _GIVEN_ERROR = 1e-3
 _MOST_OFF = 0.004  # of the width, by which half of the points may be off on a path [1]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SolvedFrom:
+class SolvedFrom(Struct, frozen=True, eq=False):
     """What a camera was solved from, in a reduced frame with the plate's pixels.
 
     Attributes:
@@ -62,8 +62,7 @@ class SolvedFrom:
     times_s: list[float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Solved:
+class Solved(Struct, frozen=True, eq=False):
     """A plate's camera at the plate's size, and what it was solved from, at another size.
 
     Attributes:

@@ -10,11 +10,11 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from numbers import Integral, Real
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.errors import NlensError, UsageError
 from nlens_video.core.known_lens import UNKNOWN_LENS

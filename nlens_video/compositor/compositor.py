@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self, TypeVar
 
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from nlens_video.compositor.arguments import (
     PARAMETERS,

@@ -8,10 +8,10 @@ above white follow the curve on, so that nothing a stream can hold is lost on th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Float64
@@ -83,8 +83,7 @@ _HLG_A, _HLG_B, _HLG_C = 0.17883277, 0.28466892, 0.55991073
 _HLG_WHITE = (np.exp((0.75 - _HLG_C) / _HLG_A) + _HLG_B) / 12.0
 
 
-@dataclass(frozen=True, slots=True)
-class Transfer:
+class Transfer(Struct, frozen=True):
     """A transfer function and its inverse, odd about zero, increasing.
 
     Attributes:
@@ -215,8 +214,7 @@ def chromaticities(name: str) -> tuple[float, ...]:
     return tuple(part for xy in _CHROMATICITY[name] for part in xy)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ColorTags:
+class ColorTags(Struct, frozen=True, kw_only=True):
     """How the samples of a stream stand for light.
 
     Attributes:

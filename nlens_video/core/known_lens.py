@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
 from typing import Any, Literal
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import UsageError
 
@@ -47,8 +49,7 @@ Prefer = Literal["near", "far"]
 """Of two lenses that explain a plate: the one focused nearer than the object, or farther."""
 
 
-@dataclass(frozen=True, slots=True)
-class Expected:
+class Expected(Struct, frozen=True):
     """A value and its standard error."""
 
     value: float
@@ -64,8 +65,7 @@ class Expected:
         return Expected(factor * self.value, factor * self.error)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensPrior:
+class LensPrior(Struct, frozen=True, kw_only=True):
     """What is known of the lens model beforehand; None where nothing is.
 
     Attributes:
@@ -104,8 +104,7 @@ class LensPrior:
 NO_PRIOR = LensPrior()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KnownLens:
+class KnownLens(Struct, frozen=True, kw_only=True):
     """A lens as its owner or its recording knows it; None where a value is not known.
 
     Attributes:

@@ -6,12 +6,12 @@ Conventions: `docs/architecture.md`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.box import Box as Box
 from nlens_video.core.box import Float32 as Float32
@@ -108,8 +108,7 @@ class Picture(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CocPrior:
+class CocPrior(Struct, frozen=True, kw_only=True):
     """Distribution of CoC in an estimator's training pictures, roughly log-normal.
 
     Attributes:
@@ -123,8 +122,7 @@ class CocPrior:
     scale: float = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CocMap:
+class CocMap(Struct, frozen=True, kw_only=True):
     """Unsigned CoC of the plate and its expected error.
 
     Attributes:
@@ -152,8 +150,7 @@ def _check_shapes(shape: tuple[int, int], **arrays: Float32) -> None:
             raise ValueError(f"{name} has the shape {array.shape}, expected {expected}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, weakref_slot=True)
-class ObjectLayer:
+class ObjectLayer(Struct, frozen=True, kw_only=True, weakref=True):
     """The sharp rendered object on a box of the frame.
 
     Attributes:
@@ -170,8 +167,7 @@ class ObjectLayer:
         _check_shapes(self.box.shape, rgba=self.rgba, depth=self.depth)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BehindLayer:
+class BehindLayer(Struct, frozen=True, kw_only=True):
     """What the object's nearest surfaces hide, on a part of its picture.
 
     Attributes:
@@ -187,8 +183,7 @@ class BehindLayer:
         _check_shapes(self.hidden.box.shape, front_rgba=self.front_rgba)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HiddenLayer:
+class HiddenLayer(Struct, frozen=True, kw_only=True):
     """What the object's nearest surfaces hide, as the lens blurs it.
 
     Attributes:
@@ -221,8 +216,7 @@ def _largest(values: Float32, where: Bool) -> float:
     return float(max(kept.max(initial=0.0), -kept.min(initial=0.0)))
 
 
-@dataclass(frozen=True, kw_only=True)  # without slots, where nothing could be kept
-class DefocusedLayer:
+class DefocusedLayer(Struct, frozen=True, kw_only=True, dict=True):  # to keep values
     """A sharp layer and the CoC that the lens gives each of its pixels.
 
     Attributes:
@@ -254,8 +248,7 @@ class DefocusedLayer:
         return max(_largest(step, both) for step, both in steps)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BlurredLayer:
+class BlurredLayer(Struct, frozen=True, kw_only=True):
     """The object as the lens sees it.
 
     Attributes:
@@ -275,8 +268,7 @@ class BlurredLayer:
         return cls(box=Box(0, 0, 0, 0), rgba=np.zeros((0, 0, 4), np.float32))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Matte:
+class Matte(Struct, frozen=True, eq=False):
     """Coverage by foreground, from a matte.
 
     Attributes:
@@ -286,8 +278,7 @@ class Matte:
     coverage: Float32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DepthMap:
+class DepthMap(Struct, frozen=True, eq=False):
     """Depth of the filmed scene, without defocus.
 
     Attributes:

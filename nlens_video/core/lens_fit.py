@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import MISSING, asdict, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import asdict, fields
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import LensPrior
@@ -21,12 +23,11 @@ MODEL = "coc_px = slope * disparity + intercept"
 IN_FOCUS_PX = 0.5  # a CoC below it is not seen
 LARGEST_COC_PX = 1e9
 """CoC diameters are clamped to this: larger than any frame, its square still a float32 [px]."""
-_NUMBERS: dict[str, type[float] | type[int]] = {"float": float, "int": int}  # by annotation
+_KINDS = (float, int)
 _LARGEST = 1e18  # magnitude of any number of a fit: its square is still a float32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensFit:
+class LensFit(Struct, frozen=True, kw_only=True):
     """Linear lens model, coc_px = slope * disparity + intercept (paper, section 4.1, eq. 1 and 2).
 
     Attributes:
@@ -231,27 +232,21 @@ class LensFit:
         try:
             raw = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise LensFitError(
-                f"{source}: not JSON ({error}); expected a saved lens fit"
-            ) from error
+            raise LensFitError(f"{source}: not JSON ({error}); expected a saved fit") from error
         if not isinstance(raw, dict) or raw.get("model", MODEL) != MODEL:
             raise LensFitError(f'{source}: expected an object with "model": "{MODEL}"')
         known: dict[str, object] = {}
-        for field in fields(cls):
-            name, kind = field.name, _NUMBERS.get(str(field.type))
-            if kind is None or (name not in raw and field.default is not MISSING):
-                continue
+        for name, kind, required in _numbers():
             if name not in raw:
+                if not required:
+                    continue
                 raise LensFitError(f'{source}: "{name}" is missing; it must be a number')
             value = raw[name]
-            number = isinstance(value, int | float) and not isinstance(value, bool)
             size = name.endswith("_stderr") or name == "rmse_px"
-            if not number or not abs(value) <= _LARGEST or (size and value < 0):
-                said = f"{value!r}"[:40]
-                raise LensFitError(f'{source}: "{name}" is {said}, expected a number')
+            if type(value) not in _KINDS or not abs(value) <= _LARGEST or (size and value < 0):
+                raise LensFitError(f'{source}: "{name}" is {value!r:.40}, expected a number')
             known[name] = kind(value)
-        if "ground_seen" in raw:
-            known["ground_seen"] = _pairs(raw["ground_seen"], source)
+        known["ground_seen"] = _pairs(raw.get("ground_seen", ()), source)
         known["other"] = _other(raw.get("other"), source)
         sign = raw.get("sign", "resolved")
         if sign not in get_args(Sign):
@@ -269,6 +264,12 @@ class LensFit:
             return cls.from_json(path.read_text(encoding="utf-8"), str(path))
         except (OSError, UnicodeDecodeError) as error:
             raise LensFitError(f"{path}: cannot be read ({error}); expected a saved fit") from error
+
+
+@cache
+def _numbers() -> list[tuple[str, type[float] | type[int], bool]]:
+    """Fields that are numbers: name, kind, and whether a file must hold it."""
+    return [(one.name, one.type, one.required) for one in fields(LensFit) if one.type in _KINDS]
 
 
 def _other(raw: object, source: str) -> tuple[float, float] | None:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+
+from msgspec import Struct
+from msgspec.structs import force_setattr
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.placement import GroundPlacing
@@ -19,8 +21,7 @@ _MOST_TURNS = 1e4
 ALL = "all"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Playback:
+class Playback(Struct, frozen=True, kw_only=True):
     """Mapping from the plate's time to the animation's.
 
     Camera animation is unaffected: it was matched to the plate and keeps the plate's time.
@@ -60,8 +61,7 @@ ONCE = Playback()
 """All animations, once, from the plate's first frame on."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceKey:
+class PlaceKey(Struct, frozen=True, kw_only=True):
     """An object's place, size or turn at one moment; what is None is not keyed there.
 
     Attributes:
@@ -108,8 +108,7 @@ class PlaceKey:
         return frozenset(name for name, there in given.items() if there)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceKeys:
+class PlaceKeys(Struct, frozen=True, kw_only=True):
     """The keys of one object; before its first one and after its last a quantity rests.
 
     Attributes:
@@ -125,7 +124,7 @@ class PlaceKeys:
         if len({key.frame is None for key in self.keys}) > 1:
             raise UsageError("the keys of an object have times or frames, not both")
         ordered = tuple(sorted(self.keys, key=lambda key: key.time_s or key.frame or 0))
-        object.__setattr__(self, "keys", ordered)
+        force_setattr(self, "keys", ordered)
         for name in ("at", "size", "yaw"):
             named = self.of(name)
             for before, after in itertools.pairwise(named):
@@ -160,8 +159,7 @@ class PlaceKeys:
 NO_KEYS = PlaceKeys()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FurtherObject:
+class FurtherObject(Struct, frozen=True, kw_only=True):
     """An object beside the first one, whose camera, ground and light it shares.
 
     Attributes:

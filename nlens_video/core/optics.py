@@ -12,16 +12,17 @@ cat's eye is cut out of that shape without scaling it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import UsageError
 
 FEWEST_BLADES, MOST_BLADES = 3, 32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Aperture:
+class Aperture(Struct, frozen=True, kw_only=True):
     """An aperture: round, made of blades, or a picture.
 
     Attributes:
@@ -120,8 +121,7 @@ LONGEST_ASSUMED_S = 1 / 48
 """Half of a film's frame. A camera of few frames a second seldom exposes for longer [s]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shutter:
+class Shutter(Struct, frozen=True, kw_only=True):
     """A shutter that opens once a frame, centred on the frame's moment.
 
     Attributes:
@@ -160,8 +160,7 @@ def assumed_shutter(frame_s: float) -> Shutter:
     return Shutter(angle_deg=min(ASSUMED_ANGLE_DEG, longest), frame_s=frame_s)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Aberration:
+class Aberration(Struct, frozen=True, kw_only=True):
     """Lateral chromatic aberration: radial displacement of red and blue relative to green.
 
     Attributes:
@@ -178,8 +177,7 @@ class Aberration:
         return max(abs(sum(self.red)), abs(sum(self.blue)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Vignetting:
+class Vignetting(Struct, frozen=True, kw_only=True):
     """Loss of light, `square * r**2 + fourth * r**4`.
 
     Attributes:
@@ -201,8 +199,7 @@ class Vignetting:
         return self.square + self.fourth
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Distortion:
+class Distortion(Struct, frozen=True, kw_only=True):
     """Brown's radial distortion, `distorted = r * (1 + k1 * r**2 + k2 * r**4)`.
 
     Attributes:
@@ -217,8 +214,7 @@ class Distortion:
     focal_normalized: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bloom:
+class Bloom(Struct, frozen=True, kw_only=True):
     """Halo around highlights, decaying exponentially.
 
     Attributes:
@@ -232,8 +228,7 @@ class Bloom:
     clip: float = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensOverrides:
+class LensOverrides(Struct, frozen=True, kw_only=True):
     """The user's values for the plate's lens; None where a value is estimated from the plate.
 
     Attributes:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from nlens_video.core.errors import UsageError
 
@@ -22,8 +23,7 @@ SMALLEST = 0.02
 _TALLEST = 20.0  # close-ups show a part of something taller than the frame [frame height]
 
 
-@dataclass(frozen=True, slots=True)
-class Region:
+class Region(Struct, frozen=True):
     """A part of the frame: a polygon; by the even-odd rule where it crosses itself.
 
     Attributes:
@@ -56,8 +56,7 @@ class Region:
         return cls(tuple(zip(numbers[::2], numbers[1::2], strict=True)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Placement:
+class Placement(Struct, frozen=True, kw_only=True):
     """A place in the frame, in fractions of it, from its upper left corner.
 
     Attributes:
@@ -118,8 +117,7 @@ class Placement:
         return f"{given} --horizon {self.horizon:.4g}{roll}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroundPlacing:
+class GroundPlacing(Struct, frozen=True, kw_only=True):
     """A place on the ground of a solved camera; what is None is chosen.
 
     Attributes:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from msgspec import Struct
 
 from nlens_video.core.errors import UsageError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScaleSettings:
+class ScaleSettings(Struct, frozen=True, kw_only=True):
     """What tells the scale of a plate whose camera is solved.
 
     Attributes:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypedDict
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens, Prefer
 from nlens_video.core.objects import NO_KEYS, ONCE, FurtherObject, PlaceKeys, Playback
@@ -30,8 +32,7 @@ class InputArguments(TypedDict, total=False):
     input_transfer: str | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceSettings:
+class SourceSettings(Struct, frozen=True, kw_only=True):
     """The plate.
 
     Attributes:
@@ -77,8 +78,7 @@ SUN_STRENGTH = 2.0
 """Light of a sun on the ground by all other light, where neither option nor plate tells it [1]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SunSettings:
+class SunSettings(Struct, frozen=True, kw_only=True):
     """A sun.
 
     Attributes:
@@ -101,8 +101,7 @@ class SunSettings:
 NO_SUN = SunSettings(azimuth_deg=0.0, elevation_deg=90.0, strength=0.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LightSettings:
+class LightSettings(Struct, frozen=True, kw_only=True):
     """What lights the object beside its file's lights, and how dark its shadow is.
 
     Attributes:
@@ -122,8 +121,7 @@ class LightSettings:
     shadow_strength: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RealSettings:
+class RealSettings(Struct, frozen=True, kw_only=True):
     """Occlusion of the object by the plate, and its reflection in the plate's ground.
 
     Attributes:
@@ -143,8 +141,7 @@ class RealSettings:
     found: Path | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectSettings:
+class ObjectSettings(Struct, frozen=True, kw_only=True):
     """The object and how the frame sees it.
 
     Attributes:
@@ -187,8 +184,7 @@ class ObjectSettings:
     others: tuple[FurtherObject, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OutputSettings:
+class OutputSettings(Struct, frozen=True, kw_only=True):
     """The result and its encoding; None keeps what the source has.
 
     Attributes:
@@ -206,8 +202,7 @@ class OutputSettings:
     keep_partial: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """One run of `nlens-video render`.
 
     Attributes:

@@ -10,9 +10,9 @@ compared (a cut, a whip pan), the last known change holds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import BlurredLayer, Float64, Picture
 from nlens_video.effects.beginning import Beginning
@@ -22,8 +22,7 @@ NEGLIGIBLE_LEVELS = 1.0  # of 255, at mid grey; from twice that on it is applied
 _MID_GREY, _GAMMA = 118.0, 2.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Exposure:
+class Exposure(Struct, frozen=True, kw_only=True):
     """Light of a frame relative to the first one that tells it.
 
     Attributes:
@@ -38,8 +37,7 @@ class Exposure:
         return max(abs(_levels(math.log2(gain))) for gain in self.gains)
 
 
-@dataclass(frozen=True, slots=True)
-class _Keyframe:
+class _Keyframe(Struct, frozen=True):
     """A small picture and the change of the exposure at it.
 
     Attributes:

@@ -8,10 +8,9 @@ clips: far beyond diffuse white in HDR, and nowhere in light itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64, Picture, clips_at
 from nlens_video.native import kernels
@@ -27,8 +26,7 @@ _LEAST_LIGHT = 1e-5  # of a picture, which makes the object as black as it is [1
 _LARGEST_SPREAD_STOPS = 0.2  # median deviation of the ratio up to which it is usable
 
 
-@dataclass(frozen=True, slots=True)
-class SmallPicture:
+class SmallPicture(Struct, frozen=True):
     """A picture's light at a small size.
 
     Attributes:

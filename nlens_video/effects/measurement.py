@@ -12,13 +12,13 @@ from __future__ import annotations
 import math
 import pkgutil
 from collections.abc import Callable, Container, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
 from typing import cast
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video import effects
 from nlens_video.core.layers import Float32, Picture
@@ -60,8 +60,7 @@ _LAG_STEP_PX = 0.25
 _STEADY = 0.2  # share by which the motions of two pairs of pictures may differ
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Measurement:
+class Measurement(Struct, frozen=True, kw_only=True):
     """Strength of an effect on the plate.
 
     Attributes:

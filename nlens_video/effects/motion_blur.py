@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.box import Int64
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64, ObjectLayer
@@ -35,8 +35,7 @@ _FULL_HD_PX = 1920 * 1080
 _MOST_TIMES = 4.0  # so many samples are taken of what is small, for one of what fills the frame
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class Motion(Struct, frozen=True, kw_only=True):
     """Motion of an object on the screen while the shutter is open.
 
     Attributes:

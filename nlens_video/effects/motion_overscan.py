@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import reduce
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Float64
 from nlens_video.scene.posed import bounds_of

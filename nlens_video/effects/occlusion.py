@@ -13,10 +13,10 @@ visible there as a halo.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.color import luma
 from nlens_video.core.layers import Bool, Box, CocMap, DepthMap, Float32, ObjectLayer, Picture
@@ -150,8 +150,7 @@ def object_disparity(layer: ObjectLayer, frame: Box) -> Float32:
     return extend_nearest(disparity, disparity > 0.0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoverageFromDepth:
+class CoverageFromDepth(Struct, frozen=True, kw_only=True):
     """Coverage by nearer things of a depth map.
 
     Attributes:
@@ -210,8 +209,7 @@ class CoverageFromDepth:
         return np.minimum(out, np.float32(1.0))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CoverageFromCoc:
+class CoverageFromCoc(Struct, frozen=True, kw_only=True):
     """Coverage by things that are certainly nearer by the plate's CoC.
 
     The CoC has no sign: a pixel may lie before the focus or behind it. It counts as nearer when

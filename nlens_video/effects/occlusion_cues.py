@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, CocMap, DepthMap, Float32, Float64, Matte, Picture
 from nlens_video.core.lens_fit import LensFit
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MovingMatte:
+class MovingMatte(Struct, frozen=True, kw_only=True, eq=False):
     """What moves on a region of a frame.
 
     Attributes:
@@ -26,8 +26,7 @@ class MovingMatte:
     background: Float32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SeenBackground:
+class SeenBackground(Struct, frozen=True, kw_only=True, eq=False):
     """The background of a shot around its object, as a frame sees it.
 
     Attributes:
@@ -40,8 +39,7 @@ class SeenBackground:
     light: Float32
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MovingThings:
+class MovingThings(Struct, frozen=True, eq=False):
     """What moves on a frame.
 
     Attributes:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Literal, cast, get_args
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.optics import Shutter
@@ -34,8 +36,7 @@ _NOT_MEASURED = "not measured"
 _NOT_LOOKED_FOR = f"what moves is looked for in files, not in streams or stills; {GIVE}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EffectRequest:
+class EffectRequest(Struct, frozen=True, kw_only=True):
     """The effects that a user asks for.
 
     Attributes:
@@ -107,8 +108,7 @@ def _check_name(word: str) -> None:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(Struct, frozen=True, kw_only=True):
     """Whether an effect is simulated, and why.
 
     Attributes:
@@ -130,8 +130,7 @@ class Decision:
     cost_ms: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShotFacts:
+class ShotFacts(Struct, frozen=True, kw_only=True):
     """Facts about a shot that call for effects.
 
     Attributes:

@@ -9,9 +9,10 @@ its own depth, not the ground's.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Box, Float32, Float64, ObjectLayer
 from nlens_video.kernels.scatter.furthest import furthest_reach
@@ -46,8 +47,7 @@ def schlick(cosine: Float64, reflectance: float) -> Float64:
     return np.asarray(reflectance + (1.0 - reflectance) * (1.0 - cosine) ** 5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RenderReflection:
+class RenderReflection(Struct, frozen=True, kw_only=True):
     """Renders the mirror image, sharp.
 
     Attributes:

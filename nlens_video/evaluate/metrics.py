@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 from scipy.ndimage import uniform_filter
 from scipy.stats import t as student
 
@@ -22,8 +22,7 @@ _PEAK = 255.0
 _C1, _C2 = (0.01 * _PEAK) ** 2, (0.03 * _PEAK) ** 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BinnedErrors:
+class BinnedErrors(Struct, frozen=True, kw_only=True):
     """Errors sorted into bins of another quantity; all arrays (B,), bins without a pixel left out.
 
     Attributes:
@@ -102,8 +101,7 @@ def _rms(error: Float64) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
+class Interval(Struct, frozen=True, kw_only=True):
     """A mean over scenes and how far the truth may be from it.
 
     Attributes:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float32, Float64, UInt8
@@ -26,8 +26,7 @@ _FARTHEST = 1e4  # object depths beyond this mean "nothing there" [scene unit]
 _SOLID = 250  # alpha codes above this belong to the object alone
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plate:
+class Plate(Struct, frozen=True, kw_only=True):
     """A plate, its true CoC, and the object that is to be put into it.
 
     Attributes:

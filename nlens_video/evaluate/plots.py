@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32
 from nlens_video.evaluate.metrics import LEVEL, Interval, binned_errors
@@ -27,8 +27,7 @@ _COC_STEP_PX = 2.0
 _FEWEST = 100  # samples below which a bin's mean is noise and is not drawn
 
 
-@dataclass(frozen=True, slots=True)
-class Point:
+class Point(Struct, frozen=True):
     """A reblur method: its time [ms] and PSNR [dB], and whether it is one of ours."""
 
     name: str
@@ -37,8 +36,7 @@ class Point:
     ours: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bar:
+class Bar(Struct, frozen=True, kw_only=True):
     """A compositing method: PSNR and gain over naive, over scenes and of each plate [dB]."""
 
     name: str
@@ -48,8 +46,7 @@ class Bar:
     plate_gains_db: Sequence[float]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlateErrors:
+class PlateErrors(Struct, frozen=True, kw_only=True):
     """Estimate - truth, its expected error and the true diameter on one plate, all (N,) [px]."""
 
     error_px: Float32

@@ -9,11 +9,11 @@ import json
 import logging
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
+from msgspec import Struct, field
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.stdio import print_out
@@ -35,8 +35,7 @@ _REDUCTIONS: Mapping[str, Callable[[list[float]], float]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Struct, frozen=True):
     """One column of the summary, over all plates.
 
     Attributes:
@@ -65,8 +64,7 @@ class Column:
         return _REDUCTIONS[self.over](known) if known else math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
+class Entry(Struct, frozen=True):
     """The figures of one row on one plate; nan is "not defined", such as where no fit was found."""
 
     row: str
@@ -74,8 +72,7 @@ class Entry:
     figures: dict[str, float]
 
 
-@dataclass(slots=True)
-class Table:
+class Table(Struct):
     """A table of one kind of measurement.
 
     Attributes:
@@ -167,8 +164,7 @@ class Table:
         return column.value(self.by_plate(row, column.key).values())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
+class Report(Struct, frozen=True, kw_only=True):
     """What an evaluation command prints, and what it writes into the folder of `--out`.
 
     Attributes:

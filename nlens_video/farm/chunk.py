@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from nlens_video.cameras.files import beside_camera
 from nlens_video.core.errors import InputError, UsageError
@@ -32,8 +34,7 @@ _SAMPLE, _SAMPLES = 1 << 20, 8  # of larger ones so many parts of so many bytes,
 _SPECS = ("spec", "layers", "holdout", "preset")  # fields that name files, hashed apart
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Chunk:
+class Chunk(Struct, frozen=True, kw_only=True):
     """A chunk on the disk.
 
     Attributes:
@@ -215,12 +216,9 @@ def _plain(value: object) -> object:
     """Settings as plain data, with hashes of files in place of paths."""
     if isinstance(value, Path):
         return _hash_with_beside(value)
-    if is_dataclass(value):
-        return {
-            field.name: _plain(getattr(value, field.name))
-            for field in fields(value)
-            if field.name not in _SPECS
-        }
+    if isinstance(value, Struct):
+        named = asdict(value).items()
+        return {name: _plain(one) for name, one in named if name not in _SPECS}
     if isinstance(value, tuple):
         return [_plain(one) for one in value]
     return value if value is None or isinstance(value, str | bool | int) else repr(value)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
@@ -31,8 +33,7 @@ PIECE_S = 2.0
 """Length of one file of frames, which is what a killed run or a lost worker loses [s]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prepared:
+class Prepared(Struct, frozen=True, kw_only=True):
     """A shot that is ready for rendering in chunks.
 
     Attributes:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from nlens_video.core import signals
 from nlens_video.core.errors import InputError, UsageError
@@ -30,8 +31,7 @@ if TYPE_CHECKING:
 _BESIDE_CHUNKS = (".json", ".npz")  # a fit, and what moves in front, in the same folder
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Merged:
+class Merged(Struct, frozen=True, kw_only=True):
     """The result of a merge.
 
     Attributes:

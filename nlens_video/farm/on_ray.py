@@ -15,11 +15,11 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
 from typing import Any
 
 import ray
+from msgspec import Struct
 from ray.exceptions import RayError
 
 from nlens_video.core import signals
@@ -35,8 +35,7 @@ _POLL_S = 0.5  # interval of polling for interruptions while workers are busy
 _IDLE_POLL_S = 0.05  # the same while only this process works
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cluster:
+class Cluster(Struct, frozen=True, kw_only=True):
     """The Ray cluster that renders.
 
     Attributes:

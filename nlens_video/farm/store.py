@@ -13,9 +13,10 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError, NlensError, OutputError, UsageError
 from nlens_video.video.atomic_files import make_folder, partial_name
@@ -38,8 +39,7 @@ class FolderInUse(OutputError):
     """Another run has locked the folder."""
 
 
-@dataclass(frozen=True, slots=True)
-class Folder:
+class Folder(Struct, frozen=True):
     """A folder with the same absolute path on all machines.
 
     Attributes:
@@ -136,8 +136,7 @@ def _lock(folder: Path) -> int | None:
     return handle
 
 
-@dataclass(frozen=True, slots=True)
-class Bucket:
+class Bucket(Struct, frozen=True):
     """A URL that fsspec opens, such as an object store.
 
     Attributes:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any, cast
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.settings import Settings
@@ -21,8 +24,7 @@ from nlens_video.video.chunk_queue import ChunkMark
 _MOST_TRIES = 3  # of one task, before its shot fails
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shot:
+class Shot(Struct, frozen=True, kw_only=True):
     """A run to render in chunks.
 
     Attributes:
@@ -42,8 +44,7 @@ class Shot:
         check_chunkable(self.settings)
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
+class Task(Struct, frozen=True):
     """Work for one worker.
 
     Attributes:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from queue import SimpleQueue
+
+from msgspec.structs import replace
 
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError

@@ -9,6 +9,8 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from msgspec import Struct
+
 from nlens_video.core.errors import UsageError
 from nlens_video.effects.planner import Decision
 from nlens_video.graph.base.context import NodeContext
@@ -29,8 +31,7 @@ _PATIENCE = 2.0  # factor on that time for a level that was left again soon
 _SOON_S = 10.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """A change of level.
 
     Attributes:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import BlurredLayer, DefocusedLayer
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
@@ -202,8 +204,7 @@ Built = MutableMapping[tuple[str, str], Node]
 """Nodes by name and options, which graphs of one run share."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Graph:
+class Graph(Struct, frozen=True, kw_only=True, dict=True):
     """The nodes of a run, in order.
 
     Attributes:
@@ -219,11 +220,10 @@ class Graph:
     nodes: tuple[Node, ...]
     left_out: tuple[tuple[str, str], ...]
     notes: tuple[str, ...] = ()
-    _lanes: dict[str, tuple[Node, ...]] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        lanes = {lane: tuple(node for node in self.nodes if node.lane == lane) for lane in LANES}
-        object.__setattr__(self, "_lanes", lanes)
+    @cached_property
+    def _lanes(self) -> dict[str, tuple[Node, ...]]:
+        return {lane: tuple(node for node in self.nodes if node.lane == lane) for lane in LANES}
 
     def has(self, name: str) -> bool:
         """Whether a node of that name was built."""

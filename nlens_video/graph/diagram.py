@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from nlens_video.graph.base.node import LANES, Lane
 from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
@@ -13,8 +14,7 @@ PLATE = "plate"
 _UNDRAWN = ("frame", "frame_box", "following", "lens_before")  # inputs of nearly every node
 
 
-@dataclass(frozen=True, slots=True)
-class Edge:
+class Edge(Struct, frozen=True):
     """A value that flows from one node to another.
 
     Attributes:

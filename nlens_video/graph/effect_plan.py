@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.lens_fit import LensFit
@@ -44,8 +46,7 @@ from nlens_video.stages.r_lens_track import FitTrack
 _ROUND_ONLY = "aperture: the pipeline {!r} blurs by round discs alone; use --preset standard"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensRequest:
+class LensRequest(Struct, frozen=True, kw_only=True):
     """How the lens is found and simulated.
 
     Attributes:
@@ -97,8 +98,7 @@ class LensRequest:
         return assumed_shutter(self.frame_s)
 
 
-@dataclass(frozen=True, slots=True)
-class EffectPlan:
+class EffectPlan(Struct, frozen=True):
     """Decisions on effects, what was measured on the plate, notes for the user."""
 
     decisions: tuple[Decision, ...]

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
+from msgspec import Struct
+
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Box, Picture
 from nlens_video.core.lens_fit import LensFit
@@ -23,8 +25,7 @@ from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.video.info import SourceFrame
 
 
-@dataclass(frozen=True, slots=True)
-class CachedResult:
+class CachedResult(Struct, frozen=True):
     """A node's result with its arguments, for reuse by another graph on the same frame."""
 
     node: Node

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import asdict
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box
@@ -43,9 +43,9 @@ def write_foreground(path: Path, found: MovingForeground | None, finding: Findin
     if found is not None:
         arrays |= _reference_arrays(found.reference) | _state_arrays(found)
         for prefix, part in (("small", found.model), ("background", found.clean_plate)):
-            for one in fields(part):
-                value = getattr(part, one.name)
-                arrays[f"{prefix}.{one.name}"] = np.array(
+            for name in part.__struct_fields__:
+                value = getattr(part, name)
+                arrays[f"{prefix}.{name}"] = np.array(
                     _corners(value) if isinstance(value, Box) else value
                 )
     with path.open("wb") as file:
@@ -68,7 +68,7 @@ def read_foreground(path: Path) -> tuple[MovingForeground | None, Finding]:
 
 
 def _found(arrays: Arrays) -> MovingForeground:
-    model = {one.name: arrays[f"small.{one.name}"] for one in fields(BackgroundModel)}
+    model = {name: arrays[f"small.{name}"] for name in BackgroundModel.__struct_fields__}
     width, height = model.pop("size").tolist()
     states, cameras = _states(arrays)
     return MovingForeground(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64, Picture
 from nlens_video.core.lens_fit import LensFit
@@ -33,8 +33,7 @@ _CONTEXT_PX = 24  # around a region, from which the foreground is extrapolated [
 _UNKNOWN_NOISE = 1.0 / 255.0  # standard deviation of a root of light where it is not known [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _LowresFrame:
+class _LowresFrame(Struct, frozen=True, kw_only=True):
     """A frame at low resolution beside the background.
 
     Attributes:
@@ -48,8 +47,7 @@ class _LowresFrame:
     mask: Bool | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MovingForeground:
+class MovingForeground(Struct, frozen=True, kw_only=True):
     """What moves in a shot around its object.
 
     Attributes:

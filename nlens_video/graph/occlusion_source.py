@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from nlens_video.core.layers import CocMap, Picture
 from nlens_video.core.settings import ObjectSettings

@@ -14,9 +14,10 @@ before 1.0 (`[[node]]` tables) are read as well.
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from nlens_video.core.errors import UsageError
 from nlens_video.graph.base.node import LANES, Node
@@ -59,8 +60,7 @@ FORMER_NAMES = {
 """Names of nodes before 1.0, as older pipeline files have them, to today's."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodeSpec:
+class NodeSpec(Struct, frozen=True, kw_only=True):
     """A node as the file states it.
 
     Attributes:
@@ -79,8 +79,7 @@ class NodeSpec:
         return self.type.name
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PipelineFile:
+class PipelineFile(Struct, frozen=True, kw_only=True):
     """A pipeline: its name, what it does in a few words, its nodes in order, notes on the file."""
 
     name: str

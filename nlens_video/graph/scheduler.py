@@ -9,9 +9,10 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
 from queue import Empty, Full, Queue
 from typing import Any, Generic, TypeVar
+
+from msgspec import Struct
 
 from nlens_video.core import signals
 
@@ -21,8 +22,7 @@ _PATIENCE_S = 2.0  # a read that blocks longer than this after closing (a camera
 _left_reading: list[threading.Event] = []  # of each reader that was left, set when it comes back
 
 
-@dataclass(frozen=True, slots=True)
-class Worker(Generic[T]):
+class Worker(Struct, Generic[T], frozen=True):
     """One step of the stream.
 
     Attributes:
@@ -35,8 +35,7 @@ class Worker(Generic[T]):
     opened: Callable[[], AbstractContextManager[Callable[[T], T]]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Fault:
+class _Fault(Struct, frozen=True):
     error: BaseException
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from functools import partial
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.settings import ObjectSettings
 from nlens_video.effects.planner import Decision
@@ -47,8 +49,7 @@ from nlens_video.stages.r_samples import FitSamples
 _WITH_BACKEND = ("estimate-coc", "render", "reblur", "lens-sampling")
 
 
-@dataclass(frozen=True, slots=True)
-class LensPasses:
+class LensPasses(Struct, frozen=True):
     """What passes over a file have told of its lens before a run.
 
     Attributes:
@@ -60,8 +61,7 @@ class LensPasses:
     others: tuple[FitSamples, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Session:
+class Session(Struct, frozen=True, kw_only=True):
     """Everything that a stream of frames is run with.
 
     Attributes:
@@ -221,8 +221,7 @@ def open_session(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class PlanRow:
+class PlanRow(Struct, frozen=True):
     """One line of the plan.
 
     Attributes:

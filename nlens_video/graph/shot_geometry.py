@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.placement import contact_point
 from nlens_video.core.layers import Box, Float64
@@ -24,8 +24,7 @@ _STATIC_TOLERANCE = 1e-6  # difference between frames of the numbers of a static
 _CORNERS = np.array(list(itertools.product((0, 1), repeat=3)))
 
 
-@dataclass(frozen=True, slots=True)
-class ShotGeometry:
+class ShotGeometry(Struct, frozen=True):
     """The object, and how the frames of a shot see it.
 
     Attributes:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32
 from nlens_video.native import kernels
@@ -26,8 +25,7 @@ _OPAQUE = 0.999  # alpha of a surface that hides what is behind it
 _STEP = (STEP_PX, FULL_STEP_PX, SPARE_PX, BESIDE_PX)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HiddenSurface:
+class HiddenSurface(Struct, frozen=True, kw_only=True):
     """What the nearest surfaces hide.
 
     Attributes:
@@ -50,8 +48,7 @@ def chamfer(reach: Float32) -> None:
     kernels.chamfer(reach)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CocDiscontinuities:
+class CocDiscontinuities(Struct, frozen=True, kw_only=True):
     """Discontinuities of the object's CoC.
 
     Attributes:

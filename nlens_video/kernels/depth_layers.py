@@ -10,10 +10,10 @@ fills each unknown one from the finest level that has data.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32
 from nlens_video.kernels.coc_discontinuities import (
@@ -32,8 +32,7 @@ _SIGMA_PX = 4.0  # blur for which a picture is coarse enough
 _WHOLE = 4.0  # share upon a long straight cut, before it is bounded by 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DepthLayers:
+class DepthLayers(Struct, frozen=True, kw_only=True):
     """An object in two layers, each with CoCs of its own.
 
     Attributes:

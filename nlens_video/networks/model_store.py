@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import tomllib
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
+
+from msgspec import Struct
 
 from nlens_video.core.errors import NlensError
 
@@ -15,8 +16,7 @@ MANIFEST = "manifest.toml"
 _REPAIR = "install the package anew (in a checkout: git checkout -- models)"
 
 
-@dataclass(frozen=True, slots=True)
-class Model:
+class Model(Struct, frozen=True):
     """Weights of a shipped network, verified: their file and its SHA-256 in hexadecimal."""
 
     path: Path

@@ -6,10 +6,11 @@ import argparse
 import json
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote
+
+from msgspec import Struct
 
 from nlens_video.video.atomic_files import kept_name, stem_beside
 from nlens_video.video.named_files import is_file, local_path
@@ -19,8 +20,7 @@ _LISTS = {".m3u8", ".m3u", ".mpd", ".ffconcat", ".txt", ".sdp"}
 _MOST_LIST_BYTES = 1 << 20
 
 
-@dataclass(frozen=True, slots=True)
-class Files:
+class Files(Struct, frozen=True):
     """Files that an option's value names.
 
     Attributes:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from nlens_video.core.errors import UsageError
 from nlens_video.core.objects import NO_KEYS, PlaceKeys, Playback

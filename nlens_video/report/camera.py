@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.doubt import doubt
 from nlens_video.cameras.solved import SolvedCamera
@@ -44,8 +44,7 @@ _GROUPS = (
 _CLUTTER_COLOR = (150, 150, 150)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlatePicture:
+class PlatePicture(Struct, frozen=True, eq=False):
     """A picture of the plate.
 
     Attributes:
@@ -59,8 +58,7 @@ class PlatePicture:
     image: Image
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CameraFindings:
+class CameraFindings(Struct, frozen=True, kw_only=True, eq=False):
     """All that the page of a solved camera is made from.
 
     Attributes:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import Picture

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import DefocusedLayer
 from nlens_video.core.lens_fit import LensFit
@@ -20,8 +21,7 @@ T = TypeVar("T")
 NEVER_SEEN = "No frame was composited: the object was never in view."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MainFrame:
+class MainFrame(Struct, frozen=True, kw_only=True):
     """The frame of the large pictures: the one that carried the fit, if there is one.
 
     Attributes:
@@ -39,8 +39,7 @@ class MainFrame:
     defocused: DefocusedLayer | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StripFrame:
+class StripFrame(Struct, frozen=True, kw_only=True):
     """The thumbnail of a composited frame.
 
     Attributes:
@@ -149,8 +148,7 @@ class TimingBins:
         self.bins.append(row)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
+class Findings(Struct, frozen=True, kw_only=True):
     """All that the page is made from.
 
     Attributes:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.solved import CameraErrors, SolvedCamera
 from nlens_video.core.layers import Float64
@@ -26,8 +26,7 @@ _FARTHEST_PX = 1e5  # from the frame: keeps whole numbers small
 _BITS = 3  # of a fraction of a pixel
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Grid:
+class Grid(Struct, frozen=True, eq=False):
     """A square grid on a horizontal ground.
 
     Attributes:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, DefocusedLayer, Float32
 from nlens_video.report.findings import NEVER_SEEN, Findings, MainFrame
@@ -19,8 +19,7 @@ _CLOSE_UP_MARGIN = 0.2  # of the object, on each side
 COC_MAP, SIGMA_MAP = cv2.COLORMAP_VIRIDIS, cv2.COLORMAP_CIVIDIS  # readable with any colour vision
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scale:
+class Scale(Struct, frozen=True, kw_only=True):
     """A colour scale from 0 to `top_px`.
 
     Attributes:

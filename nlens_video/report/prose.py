@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import NoteKind, kind_of
 from nlens_video.core.lens_fit import LensFit
@@ -31,8 +31,7 @@ _REMEDIES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Advice:
+class Advice(Struct, frozen=True):
     """A warning or a note, and what to do about it.
 
     Attributes:

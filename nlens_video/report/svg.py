@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import TypeVar
+
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 
@@ -18,8 +19,7 @@ Values = TypeVar("Values", float, Float64)
 _CLEAR_PX = 46.0  # between neighbouring labels
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Axes:
+class Axes(Struct, frozen=True, kw_only=True):
     """The data's rectangle inside a drawing.
 
     Attributes:

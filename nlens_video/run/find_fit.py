@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutOfViewError, UsageError
@@ -26,8 +27,7 @@ FIT_SEARCH_FRAMES = 240
 """Frames within which `fit` expects the object to come into view."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitOutcome:
+class FitOutcome(Struct, frozen=True, kw_only=True):
     """The result of `fit`: fit and file, notes and missing sidecar outputs as in `RunResult`."""
 
     fit: LensFit

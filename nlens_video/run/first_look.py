@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
 from itertools import takewhile
 from threading import Event
+
+from msgspec import Struct
 
 from nlens_video.core import signals
 from nlens_video.core.layers import Picture
@@ -26,8 +27,7 @@ from nlens_video.video.input.open import can_be_read_again
 _EVERY_S = 0.2  # from one frame whose blur is measured to the next [s]
 
 
-@dataclass(frozen=True, slots=True)
-class FirstLook:
+class FirstLook(Struct, frozen=True):
     """What one quick pass over a file has told.
 
     Attributes:

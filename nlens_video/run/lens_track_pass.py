@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from itertools import groupby, pairwise, takewhile
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core import signals
 from nlens_video.core.errors import LensFitError
@@ -44,8 +46,7 @@ _MOST_BETWEEN = 8  # frames kept from where a change begins to where it is told
 _MOST_DEVIATION = 3.0  # of a fit of unresolved sign from the one before [standard error]
 
 
-@dataclass(frozen=True, slots=True)
-class FitRequest:
+class FitRequest(Struct, frozen=True):
     """A frame on which the lens is fitted.
 
     Attributes:

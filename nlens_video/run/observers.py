@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Self
 
 import numpy as np
+from msgspec.structs import asdict
 
 from nlens_video.core.errors import OutputError
 from nlens_video.core.layers import BlurredLayer, Box, Float32, ObjectLayer

@@ -5,9 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.files import read_camera
 from nlens_video.core import signals
@@ -45,8 +47,7 @@ if TYPE_CHECKING:
 _SHORT = 3000  # most frames of a file that is read as a whole for a part of it
 
 
-@dataclass(frozen=True, slots=True)
-class ShotPasses:
+class ShotPasses(Struct, frozen=True):
     """What passes over a file tell before a run.
 
     Attributes:
@@ -60,8 +61,10 @@ class ShotPasses:
     under_way: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class RunInput:
+_NO_PASSES = ShotPasses()
+
+
+class RunInput(Struct, frozen=True):
     """An open source and the graph for its frames.
 
     Attributes:
@@ -129,7 +132,7 @@ def build_run_input(
     source: Source,
     settings: Settings,
     profiler: Profiler,
-    passes: ShotPasses = ShotPasses(),
+    passes: ShotPasses = _NO_PASSES,
     *,
     chunks: ChunkFeed | None = None,
     scene: Scene | None = None,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
+
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from nlens_video.core import signals
 from nlens_video.core.errors import UsageError
@@ -46,8 +48,7 @@ if TYPE_CHECKING:
 OnProgress = Callable[[int, int | None], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunResult:
+class RunResult(Struct, frozen=True, kw_only=True):
     """The result of `render`.
 
     Attributes:
@@ -72,7 +73,12 @@ class RunResult:
 
     def as_json(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {**asdict(self), "timing": {**asdict(self.timing), "fps": self.timing.fps}}
+        return {
+            **asdict(self),
+            "fit": self.fit and asdict(self.fit),
+            "decisions": [asdict(one) for one in self.decisions],
+            "timing": {**asdict(self.timing), "fps": self.timing.fps},
+        }
 
 
 def plan(

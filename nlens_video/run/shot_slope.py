@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import Expected, LensPrior

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import MissingCameraError, Note, NoteKind, SceneError
 from nlens_video.core.layers import Box, Float32, Float64
@@ -19,8 +20,7 @@ from nlens_video.scene.gltf.animations import Animation
 from nlens_video.scene.gltf.document import Document
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Camera:
+class Camera(Struct, frozen=True, kw_only=True, eq=False):
     """A pinhole camera at one moment.
 
     Attributes:
@@ -189,8 +189,7 @@ def _inverse(pose: bytes) -> Float64:
     return inverse
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Perspective:
+class Perspective(Struct, frozen=True, kw_only=True):
     """A camera as the file declares it.
 
     Attributes:

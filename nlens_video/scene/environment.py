@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import MOST_PIXELS, Float32, Float64, too_large
@@ -102,8 +103,7 @@ def reduce_environment(
     return Illumination(tuple(lamps), grid.harmonics(rest), surround=surround)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Grid:
+class _Grid(Struct, frozen=True, eq=False):
     """Direction (h, w, 3) and solid angle (h, w) [sr] of each pixel."""
 
     directions: Float64
@@ -157,8 +157,7 @@ def _spread(length: float) -> float:
     return 4.0 * math.sqrt(max(0.0, 1.0 - length))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _Part(Struct, frozen=True, eq=False):
     """A rectangle of the map (y0, x0, y1, x1): its energy, and the mean direction of that (3,)."""
 
     area: tuple[int, int, int, int]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
@@ -31,8 +32,7 @@ Kind = Literal["directional", "point", "spot"]
 _KINDS: tuple[Kind, ...] = ("directional", "point", "spot")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Light:
+class Light(Struct, frozen=True, kw_only=True):
     """A light as the file declares it.
 
     Attributes:
@@ -62,8 +62,7 @@ class Light:
         return replace(self, intensity=gain * self.intensity)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedLight:
+class PosedLight(Struct, frozen=True, eq=False):
     """A light at one moment.
 
     Attributes:
@@ -122,8 +121,7 @@ def pose_light(light: Light, world: Float64) -> PosedLight:
     return PosedLight(light, world[:3, 3].copy(), forward / length)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lamp:
+class Lamp(Struct, frozen=True, eq=False):
     """A light that casts shadows.
 
     Attributes:
@@ -139,8 +137,7 @@ class Lamp:
     turns: Float64 | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Illumination:
+class Illumination(Struct, frozen=True, eq=False):
     """The light of one moment.
 
     Attributes:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class Curve(Struct, frozen=True, eq=False, dict=True):
     """Values over time: held before the first key and after the last.
 
     Smooth curves are the monotone piecewise cubics of Fritsch and Butland (SIAM J. Sci. Stat.
@@ -27,10 +27,10 @@ class Curve:
     times_s: Float64
     values: Float64
     smooth: bool = True
-    _slopes: Float64 = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_slopes", _monotone_slopes(self.times_s, self.values))
+    @cached_property
+    def _slopes(self) -> Float64:
+        return _monotone_slopes(self.times_s, self.values)
 
     @property
     def moves(self) -> bool:
@@ -83,8 +83,7 @@ def _end_slope(step: Float64, next_step: Float64, secant: Float64, next_secant: 
     return np.where(turns, 3.0 * secant, slope)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ObjectMotion:
+class ObjectMotion(Struct, frozen=True, eq=False):
     """Where an object's file lies in the shared world, over time.
 
     Attributes:

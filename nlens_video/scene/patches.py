@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import Float32, Float64
@@ -26,8 +26,7 @@ R2 = (0.7548776662466927, 0.5698402909980532)
 """Of Roberts' low-discrepancy sequence."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedPatches:
+class PosedPatches(Struct, frozen=True, eq=False):
     """Patches at one moment.
 
     Attributes:
@@ -43,8 +42,7 @@ class PosedPatches:
     colors: Float64
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Patches:
+class Patches(Struct, frozen=True, eq=False):
     """Patches, spread evenly over the object's surface and carried by it, mesh by mesh.
 
     Attributes:

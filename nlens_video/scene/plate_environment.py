@@ -9,10 +9,11 @@ its radiance is known, and its reflectance is that of common grounds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Float32, Float64, clips_at
 from nlens_video.scene.camera import Camera
@@ -49,8 +50,7 @@ _LEAST = 0.15  # of the light from around, by that which the ground asks for [1]
 _NEAR = 1.5  # ground that tells the level: so many object sizes around it [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Seat:
+class Seat(Struct, frozen=True, kw_only=True, eq=False):
     """Where the object stands.
 
     Attributes:

@@ -9,11 +9,11 @@ shadow leaves, in each channel: that of all light but the sun's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Float32, Float64, Picture, clips_at
 from nlens_video.scene.camera import Camera
@@ -49,8 +49,7 @@ Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.uint8]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DarkPatches:
+class DarkPatches(Struct, frozen=True, kw_only=True, eq=False):
     """Darker patches of a ground of one material, and what lies around each.
 
     Attributes:

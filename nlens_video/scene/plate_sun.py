@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Float32, Float64, Picture
 from nlens_video.core.settings import SunSettings
@@ -45,8 +46,7 @@ _LAMPS = 0.5  # share of places without a sun that a lamp lights from one side, 
 _TURNS = 72  # that stand for the distribution of the azimuth
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlateSun:
+class PlateSun(Struct, frozen=True, eq=False):
     """What a plate tells of its sun, or of the lamp that lights it from one side.
 
     Attributes:
@@ -87,8 +87,7 @@ class PlateSun:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GroundMaps:
+class GroundMaps(Struct, frozen=True, eq=False):
     """Maps of the ground that frames see.
 
     Attributes:

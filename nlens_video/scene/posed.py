@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar, cast
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Bool, Float32, Float64
@@ -22,8 +24,7 @@ _SINGULAR = 1e-9  # size along an axis by that along the longest, which is none 
 _CORNERS = np.indices((2, 2, 2)).reshape(3, 8).T  # of a box, 0 for the lower end of an axis
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedMesh:
+class PosedMesh(Struct, frozen=True, eq=False):
     """One primitive of one instance.
 
     Attributes:
@@ -54,8 +55,7 @@ class PosedMesh:
         return self.near.positions + origin
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PosedScene:
+class PosedScene(Struct, frozen=True, eq=False):
     """Triangles and lights at one time.
 
     Attributes:
@@ -122,8 +122,7 @@ def bounds_of(points: _Points) -> _Points:
     return np.stack([columns.min(axis=1), columns.max(axis=1)])
 
 
-@dataclass(frozen=True, eq=False)
-class Carriers:
+class Carriers(Struct, frozen=True, eq=False, dict=True):
     """All nodes of a file at one moment.
 
     Attributes:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Float64, Picture
@@ -33,8 +34,7 @@ _SAME = 0.9999  # cosine of an angle between directions that are one
 _GUESSED = 0.6  # of contact darkening, where lamps are known and the light around them is not [1]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneLight:
+class SceneLight(Struct, frozen=True, eq=False):
     """Light on the object and its ground: the scene file's, and that around it.
 
     Attributes:

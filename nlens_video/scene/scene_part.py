@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
@@ -33,8 +35,7 @@ Moved = tuple[Float64, dict[int, Float64]]
 """World matrices of all nodes (N, 4, 4); animated morph weights by node."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Hull:
+class Hull(Struct, frozen=True, eq=False):
     """Boxes round all vertices, each carried by a node.
 
     Attributes:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.native import kernels
@@ -63,8 +63,7 @@ def places(positions: Float32 | Float64, camera: Camera) -> Float64:
     return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Extent:
+class Extent(Struct, frozen=True, kw_only=True):
     """Bounds of all vertices that are drawn, as a camera sees them.
 
     Attributes:

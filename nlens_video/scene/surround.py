@@ -8,11 +8,12 @@ folded onto an octahedron (Cigolle et al. 2014), whose square is looked up witho
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import bands
@@ -31,8 +32,7 @@ _LEAST_ALPHA = 0.002
 _REDUCED_ROWS = 16  # of the result at a time, where each is made of whole rows
 
 
-@dataclass(frozen=True, eq=False)
-class Surround:
+class Surround(Struct, frozen=True, eq=False, dict=True):
     """Radiance around the object, but for what lamps stand for.
 
     Attributes:

@@ -6,10 +6,9 @@ shared edges cost a shadow next to nothing.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool
 from nlens_video.scene.gltf.document import Document

@@ -6,9 +6,8 @@ beyond a line. So the width of the rise is the diameter, with no network in betw
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 from scipy.optimize import least_squares
 
 from nlens_video.core.layers import Float32, Float64
@@ -27,8 +26,7 @@ _SHARP_PX, _SHARP_ERROR_PX = 1.3, 0.6  # pixels hide the diameter of smaller dis
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeBlurs:
+class EdgeBlurs(Struct, frozen=True, eq=False):
     """Parts of the edges of a marker; all arrays of N.
 
     Attributes:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.solved import SolvedCamera, undistorted
 from nlens_video.core.layers import Bool, Float64
@@ -30,8 +31,7 @@ _MOST_FRAMES = 300  # of a shot, evenly
 _SHORTEST = 5  # frames that show a point
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reprojection:
+class Reprojection(Struct, frozen=True, eq=False):
     """Distances of tracked points from where the cameras see them.
 
     Attributes:
@@ -60,8 +60,7 @@ class Reprojection:
         return frames, low, np.array([np.quantile(errors, 0.9) for errors in shown])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlateLines:
+class PlateLines(Struct, frozen=True, eq=False):
     """Line segments of a plate's first picture.
 
     Attributes:

@@ -9,9 +9,9 @@ the horizontal fit one of them best.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from scipy.interpolate import CubicSpline
 
 from nlens_video.core.layers import Float64
@@ -30,8 +30,7 @@ MOST_POOLED = 400
 _TEMPER = 0.5  # of the lines of all pictures together: they are of one scene
 
 
-@dataclass(frozen=True, slots=True)
-class KnownFov:
+class KnownFov(Struct, frozen=True):
     """A field of view that need not be measured.
 
     Attributes:

@@ -9,10 +9,10 @@ do, are then fitted as one: a board tells far more than its markers do one by on
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 from scipy.optimize import least_squares
 
 from nlens_video.cameras.ground import ground_frame, moved

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.solved import SolvedCamera
@@ -22,8 +23,7 @@ _TURNED = math.sin(math.radians(8.0))  # between markers of a board
 _SPACINGS = np.geomspace(4.0, 1.02, 280)  # sides of a marker
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Corners:
+class Corners(Struct, frozen=True, eq=False):
     """Markers as cameras saw them, one row a sighting.
 
     Attributes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.marker_edges import refine
@@ -24,8 +25,7 @@ _FRAMES = 120  # that show markers: more of them add nothing
 _LONGEST_WAIT = 32  # frames between searches for markers of any family, which take long
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class Sighting(Struct, frozen=True, eq=False):
     """The markers that one frame shows.
 
     Attributes:

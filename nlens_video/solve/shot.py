@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from nlens_video.cameras.ground import fit_ground, ground_frame
 from nlens_video.cameras.solved import CameraKey, PathKind, SolvedCamera

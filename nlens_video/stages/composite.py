@@ -9,10 +9,10 @@ gives that CoC.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 from nlens_video.core.lens_fit import LensFit
@@ -25,8 +25,7 @@ LARGEST_PARALLAX_PX = 48
 """Limit of the plate's displacement [px]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ForegroundMatte:
+class ForegroundMatte(Struct, frozen=True, kw_only=True, eq=False):
     """Matte of a real thing in front of a layer, on a box of the frame.
 
     Attributes:
@@ -40,8 +39,7 @@ class ForegroundMatte:
     light: Float32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Foreground:
+class Foreground(Struct, frozen=True, kw_only=True, eq=False):
     """Foreground mattes of one frame; None: nothing in front.
 
     Attributes:
@@ -120,8 +118,7 @@ def behind(rgba: Float32, plate: Float32, coverage: Float32, light: Float32) -> 
     return hidden
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EdgeSurroundings:
+class EdgeSurroundings(Struct, frozen=True, kw_only=True, eq=False):
     """Where the plate shows past an object's edges, whatever its picture.
 
     Attributes:

@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, CocMap, Float32, Picture
 
@@ -58,8 +59,7 @@ class CocNetwork(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class EstimateCoc:
+class EstimateCoc(Struct, frozen=True):
     """F as a stage. Keeps nothing between pictures.
 
     Attributes:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64, Int64
 from nlens_video.core.optics import ROUND, Aperture
@@ -18,8 +18,7 @@ _ROUNDS = 60
 _BLOCK = 1 << 16  # distances at a time
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LensPoints:
+class LensPoints(Struct, frozen=True, eq=False):
     """Cells of an aperture.
 
     Attributes:

@@ -12,10 +12,11 @@ al. 2022): classical result, neural result, error map.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32
 from nlens_video.kernels.aperture_covariance import aperture_covariance
@@ -59,8 +60,7 @@ of the ordered layers in the result, in [0, 1], and relative change of the near 
 [-0.5, 0.5]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidates:
+class Candidates(Struct, frozen=True, kw_only=True):
     """Candidates for the blurred object, premultiplied scene-linear (h, w, 4).
 
     Attributes:
@@ -178,8 +178,7 @@ def _scaled(coc_px: Float32) -> Float32:
     return np.asarray(scaled, dtype=np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RepairDepthOrder:
+class RepairDepthOrder(Struct, frozen=True, kw_only=True):
     """Depth order as a stage; works on the surroundings of discontinuities only.
 
     Attributes:

@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
@@ -100,8 +101,7 @@ def shifted_cameras(camera: Camera, count: int) -> list[Camera]:
     ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LensSetup:
+class LensSetup(Struct, frozen=True, kw_only=True):
     """A lens at one moment.
 
     Attributes:
@@ -167,8 +167,7 @@ def lens_views(
     return mean.layer
 
 
-@dataclass(frozen=True, slots=True)
-class BlurCell:
+class BlurCell(Struct, frozen=True):
     """Blurs a view over the disc of its cell.
 
     Attributes:
@@ -196,8 +195,7 @@ class BlurCell:
         return BlurredLayer(box=box, rgba=rgba)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SampleLens:
+class SampleLens(Struct, frozen=True, kw_only=True):
     """L as a stage: the aperture sampled.
 
     Between both limits of the parallax the two methods are mixed, for they differ by some

@@ -9,11 +9,11 @@ for what the paper's method costs. The other presets keep object and plate apart
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Picture
 
@@ -118,8 +118,7 @@ def paper_reblur(
     return np.asarray(np.maximum(blended, 0.0) ** GAMMA, dtype=np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PaperReblur:
+class PaperReblur(Struct, frozen=True, kw_only=True):
     """The paper's L as a stage: the whole frame goes through, the object's reach is kept.
 
     Attributes:

@@ -8,10 +8,11 @@ not hide parts of itself. Those come from depth peeling (Everitt 2001).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import (
     BlurredLayer,
@@ -93,8 +94,7 @@ def depth_peel(
     return replace(defocused, behind=behind)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReblurLayer:
+class ReblurLayer(Struct, frozen=True, kw_only=True):
     """L as a stage: scatter a layer with its CoC.
 
     Attributes:

@@ -10,10 +10,12 @@ large, five views would show as five.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, ObjectLayer
 from nlens_video.core.lens_fit import LensFit
@@ -36,8 +38,7 @@ VIEWS = 4  # views beside that of the lens' centre, which is rendered already
 BAND_ROWS = 32  # rows that a thread takes at a time
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ViewBlend:
+class ViewBlend(Struct, frozen=True, kw_only=True, eq=False):
     """The mean of a few aperture views, with its weight.
 
     Attributes:

@@ -8,12 +8,12 @@ disparity of each of its pixels is the plane's, not the object's.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.kernels.thread_pool import picture_bands
@@ -27,8 +27,7 @@ _NO_GROUND, _ALL_GROUND = 0.25, 0.75  # shares of agreeing samples that make 0 a
 _SUBPIXEL_BITS = 4  # cv2 draws with 1/16 px
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroundProjection:
+class GroundProjection(Struct, frozen=True, kw_only=True):
     """The ground plane and the object's footprint on it, as the camera sees them.
 
     Attributes:

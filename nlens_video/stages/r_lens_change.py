@@ -10,10 +10,10 @@ and by medians, so that moving things do not count.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64, Picture
 from nlens_video.core.lens_fit import IN_FOCUS_PX, LensFit
@@ -44,8 +44,7 @@ _BLURS_PX = (0.8, 1.6, 3.2, 6.4)  # between which the octaves lie
 _FLOOR = 1.5e-3  # detail of less than this is noise (root of scene-linear light) [1]
 
 
-@dataclass(frozen=True, slots=True)
-class Signature:
+class Signature(Struct, frozen=True):
     """Blur and light of a frame on a grid of patches.
 
     Attributes:

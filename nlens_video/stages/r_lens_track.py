@@ -8,10 +8,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict, replace
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Float64
@@ -24,8 +25,7 @@ _MOST_FRAMES = 1 << 40  # limit of frame numbers in a file
 _ROUNDING = 1e-4  # by which values that are the same may differ in a file
 
 
-@dataclass(frozen=True, slots=True)
-class Keyframe:
+class Keyframe(Struct, frozen=True):
     """The lens at one frame.
 
     Attributes:
@@ -39,8 +39,7 @@ class Keyframe:
     fit: LensFit
 
 
-@dataclass(frozen=True, slots=True)
-class FitTrack:
+class FitTrack(Struct, frozen=True):
     """The lens at every frame of a file: local linear regression through the fits of a shot.
 
     Fits are weighted by a Gaussian window and their standard errors: no jumps, no lag.
@@ -86,7 +85,8 @@ class FitTrack:
 
     def to_json(self, first: int = 0) -> str:
         """A `fit.json` with the track; readers without tracks get the lens of frame `first`."""
-        track = {"stretch": self.stretch, "cuts": self.cuts, "keys": [asdict(k) for k in self.keys]}
+        keys = [{**asdict(key), "fit": asdict(key.fit)} for key in self.keys]
+        track = {"stretch": self.stretch, "cuts": self.cuts, "keys": keys}
         return json.dumps({**json.loads(self.at(first).to_json()), "track": track}, indent=2) + "\n"
 
     @classmethod

@@ -13,9 +13,10 @@ values is too flat, so the training prior is divided out of the samples first.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
@@ -32,16 +33,14 @@ _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is of
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Regression:
+class Regression(Struct, frozen=True, kw_only=True):
     """The fit and its samples."""
 
     fit: LensFit
     samples: FitSamples
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitLens:
+class FitLens(Struct, frozen=True, kw_only=True):
     """R as a stage.
 
     Attributes:

@@ -10,10 +10,10 @@ prior by its own errors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Float64
@@ -33,16 +33,14 @@ _TOLD_POWER = 6  # at two standard errors a slope is even odds, at four a certai
 _PRIOR_SHARE = 0.02  # of the prior against all samples together: one sample in fifty clusters
 
 
-@dataclass(frozen=True, slots=True)
-class VCandidate:
+class VCandidate(Struct, frozen=True):
     """A candidate: slope [px * scene unit] > 0 and focus disparity [1 / scene unit] >= 0."""
 
     slope: float
     focus: float
 
 
-@dataclass(frozen=True, slots=True)
-class VFit:
+class VFit(Struct, frozen=True):
     """Samples and the robust cost of a candidate; all arrays (N,).
 
     Attributes:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
@@ -26,8 +27,7 @@ _MOST_SHRUNK = 0.8  # a posterior this wide, as a share of the prior's width, ho
 _LAPLACE = math.sqrt(2.0)  # deviation of a Laplace distribution by its mean absolute error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FitSamples:
+class FitSamples(Struct, frozen=True, kw_only=True):
     """Samples of the fit, for plots and checks; all arrays (N,).
 
     Attributes:
@@ -76,7 +76,7 @@ def joined(parts: Sequence[FitSamples]) -> FitSamples:
         replace(part, cluster=part.cluster + int(first))
         for part, first in zip(parts, patches, strict=False)
     ]
-    names = [field.name for field in fields(FitSamples)]
+    names = FitSamples.__struct_fields__
     return FitSamples(**{n: np.concatenate([getattr(part, n) for part in moved]) for n in names})
 
 

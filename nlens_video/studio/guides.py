@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.placement import contact_point
 from nlens_video.core.settings import ObjectSettings
@@ -18,8 +17,7 @@ from nlens_video.studio.objects import FAR, ObjectGuides, object_guides
 _CELLS = 6  # of the ground grid each way
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Guides:
+class Guides(Struct, frozen=True, kw_only=True):
     """Places on a frame, in fractions of its width and height from its upper left corner.
 
     Attributes:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, CocMap, Picture
 from nlens_video.core.lens_fit import LensFit
@@ -21,8 +21,7 @@ _OPACITY = 0.65  # of the colours over the grey picture
 _RAMP = 5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Inspection:
+class Inspection(Struct, frozen=True, kw_only=True):
     """The frame on which the lens is found, its blur, and the lens.
 
     Attributes:

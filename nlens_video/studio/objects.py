@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.placement import contact_point
 from nlens_video.core.layers import Float64
@@ -28,8 +29,7 @@ _MOVING = PlaceKeys(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectGuides:
+class ObjectGuides(Struct, frozen=True, kw_only=True):
     """An object on a frame, in fractions of its width and height from its upper left corner.
 
     Attributes:

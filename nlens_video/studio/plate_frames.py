@@ -6,11 +6,11 @@ import math
 import threading
 from collections import OrderedDict
 from collections.abc import Iterator
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import Picture

@@ -8,8 +8,9 @@ import traceback
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from typing import Any, Literal
+
+from msgspec import Struct, to_builtins
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.stdio import standard_error
@@ -25,8 +26,7 @@ KINDS: tuple[Kind, ...] = ("drag", "light", "rest", "sharp", "focus")
 _PATIENCE_S = 10.0  # for the thread to end: an estimate of a network cannot be interrupted
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
+class Wish(Struct, frozen=True):
     """A picture that a page wants.
 
     Attributes:
@@ -43,8 +43,7 @@ class Wish:
     kind: Kind
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(Struct, frozen=True):
     """What a wish became.
 
     Attributes:
@@ -183,7 +182,7 @@ class Previews:
 
 def _about(drawn: Drawn, *, quick: bool) -> dict[str, Any]:
     return {
-        "guides": asdict(drawn.guides),
+        "guides": to_builtins(drawn.guides, enc_hook=float),
         "nodes": [
             {"name": node.name, "once": node.once, "ms": drawn.nodes_ms[node.name]}
             for node in drawn.session.graph.nodes

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from importlib.resources import files
 from typing import Literal
+
+from msgspec.structs import replace
 
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.optics import LensOverrides
@@ -108,7 +110,7 @@ def placed(
         base.context.renderer.rearrange(scene, None if shadow is None else shadow.light)
     context = replace(
         base.context,
-        objects=replace(base.context.objects, scene=scene, view=view),
+        objects=dataclasses.replace(base.context.objects, scene=scene, view=view),  # noqa: TID251 - no struct
         shadow_scene=shadow,
         ground_y=staged.objects.ground_y,
         unit_m=view.unit_m,

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 from nlens_video.scene.camera import Camera
@@ -14,8 +14,7 @@ from nlens_video.scene.plate_sun import level_axes
 _SIDES = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShadowGuides:
+class ShadowGuides(Struct, frozen=True, kw_only=True):
     """An object in axes from its foot: to the right of the shot's first view, up, and ahead.
 
     Attributes:

@@ -10,8 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.solved import SolvedCamera
 from nlens_video.core.errors import LensFitError
@@ -51,8 +54,7 @@ Solve = Callable[[Settings, OnProgress], tuple[SolvedCamera, PlateLines]]
 """Solves a plate's camera; is told the frames so far and in all."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drawn:
+class Drawn(Struct, frozen=True, kw_only=True):
     """A frame with the object.
 
     Attributes:
@@ -78,8 +80,7 @@ class Drawn:
     sun: SunSettings | None
 
 
-@dataclass(slots=True)
-class _Lens:
+class _Lens(Struct, frozen=True):
     """The lens of the last picture at rest, and how high its camera stood over the ground."""
 
     fit: LensFit
@@ -87,8 +88,7 @@ class _Lens:
 
     def seen_from(self, height: float) -> LensFit:
         """The same lens where the object's units are others: disparities are by the unit."""
-        ratio = height / self.height
-        fit = self.fit
+        ratio, fit = height / self.height, self.fit
         return replace(fit, slope=fit.slope * ratio, slope_stderr=fit.slope_stderr * ratio)
 
 

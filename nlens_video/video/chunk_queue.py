@@ -6,12 +6,13 @@ import json
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
 from queue import Empty, SimpleQueue
 
+from msgspec import Struct
+from msgspec.structs import asdict
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ChunkMark:
+
+class ChunkMark(Struct, frozen=True, kw_only=True):
     """Identity of a chunk, stored in its file so that chunks are never mixed up.
 
     Attributes:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.color import ColorTags, primaries_at, primaries_from_bt709
 from nlens_video.core.errors import InputError, Note, NoteKind, UsageError
@@ -31,8 +32,7 @@ MOST_UNREADABLE = 8
 LINEAR = ColorTags(matrix="gbr", transfer="linear", primaries="bt709", full_range=True)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExrImage:
+class ExrImage(Struct, frozen=True, kw_only=True):
     """The channels of one file.
 
     Attributes:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from nlens_video.core.placement import FULL_FRAME_DIAGONAL_MM
 from nlens_video.video.info import SourceInfo
@@ -27,8 +28,7 @@ equivalent is rounded to a millimetre, and lenses differ from their names by som
 longer holds where the picture was cut to another shape."""
 
 
-@dataclass(frozen=True, slots=True)
-class TaggedFocal:
+class TaggedFocal(Struct, frozen=True):
     """A focal length that a recording states.
 
     Attributes:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 
 from av.sidedata.sidedata import Type
+from msgspec import Struct
 
 _DYNAMIC = {
     Type.DYNAMIC_HDR_PLUS: "HDR10+", Type.DYNAMIC_HDR_VIVID: "HDR Vivid",
@@ -17,8 +17,7 @@ _MASTERING = struct.Struct("=22i")  # AVMasteringDisplayMetadata: ten rationals 
 _LIGHT = struct.Struct("=2I")  # AVContentLightMetadata
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MasteringDisplay:
+class MasteringDisplay(Struct, frozen=True, kw_only=True):
     """The display on which pictures were graded (SMPTE ST 2086).
 
     Attributes:
@@ -36,8 +35,7 @@ class MasteringDisplay:
     luminance: tuple[Fraction, Fraction]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HdrMetadata:
+class HdrMetadata(Struct, frozen=True, kw_only=True):
     """What a frame says of its HDR.
 
     Attributes:

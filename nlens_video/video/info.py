@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal, TypeAlias
 
 import av
 import av.container
 from av.stream import Disposition, Stream
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from nlens_video.core.color import ColorTags
 from nlens_video.core.layers import Picture
@@ -20,8 +21,7 @@ Packet: TypeAlias = "av.Packet[av.stream.Stream]"
 Kind = Literal["video", "still", "sequence", "stream"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTags:
+class FrameTags(Struct, frozen=True, kw_only=True):
     """A stream's colour in FFmpeg's numbers, copied to the output; 0 or 2: unspecified."""
 
     colorspace: int = 2
@@ -38,8 +38,7 @@ class FrameTags:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CopiedStream:
+class CopiedStream(Struct, frozen=True, kw_only=True):
     """A stream that is carried over to the result.
 
     Attributes:
@@ -57,14 +56,13 @@ class CopiedStream:
     index: int
     type: str
     codec: str
-    stream: Stream = field(repr=False, compare=False)
-    cover: bytes = field(default=b"", repr=False)
+    stream: Stream
+    cover: bytes = b""
     start_s: Fraction | None = None
     cut: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceInfo:
+class SourceInfo(Struct, frozen=True, kw_only=True):
     """Properties of a source, read before its frames.
 
     Attributes:
@@ -116,9 +114,7 @@ class SourceInfo:
     time_base: Fraction
     average_rate: Fraction | None
     steady: bool = True
-    frame_time: Callable[[int], Fraction | None] | None = field(
-        default=None, repr=False, compare=False
-    )
+    frame_time: Callable[[int], Fraction | None] | None = None
     frame_count: int | None
     duration_s: float | None
     start_s: Fraction = Fraction(0)
@@ -127,15 +123,15 @@ class SourceInfo:
     pixel_format: str
     half: bool = False
     tags: ColorTags
-    frame_tags: FrameTags = field(default_factory=FrameTags)
-    icc_profile: bytes = field(default=b"", repr=False)
+    frame_tags: FrameTags = FrameTags()
+    icc_profile: bytes = b""
     sample_aspect_ratio: Fraction | None = None
     codec: str
     bit_rate: int | None = None
     interlaced: bool = False
     field_order: str = ""
     lossless: bool = False
-    hdr: HdrMetadata = field(default_factory=HdrMetadata)
+    hdr: HdrMetadata = HdrMetadata()
     chroma_siting: str = ""
     copied: tuple[CopiedStream, ...] = ()
     metadata: dict[str, str] = field(default_factory=dict)
@@ -164,8 +160,7 @@ class SourceInfo:
         return 1.0 / ratio if self.orientation.sideways else ratio
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SourceFrame:
+class SourceFrame(Struct, frozen=True, kw_only=True, eq=False):
     """One frame of a source; of a caller's own loop with index, time and picture alone.
 
     Attributes:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import pairwise
 from pathlib import Path
+
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 
@@ -145,8 +146,7 @@ class ImageSequence:
         return number if self.path(number).name == name else None
 
 
-@dataclass(frozen=True, slots=True)
-class NamedFiles:
+class NamedFiles(Struct, frozen=True):
     """The files on disk that a name stands for.
 
     Attributes:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
 import av
 from av.video.codeccontext import VideoCodecContext
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.color import FULL_RANGE, TRANSFERS, ColorTags, luma
 from nlens_video.video.info import FrameTags, SourceInfo
@@ -23,8 +24,7 @@ SHOWN_ALIKE = ("bt709", "smpte170m", "bt2020-10", "bt2020-12", "iec61966-2-1")
 """Transfer functions that players show alike."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StoredColour:
+class StoredColour(Struct, frozen=True, kw_only=True):
     """Colour of a result's samples.
 
     Attributes:

@@ -17,7 +17,7 @@ from nlens_video.core.errors import InputError, NlensError, UsageError
 from nlens_video.video.info import FrameTags
 
 pytestmark = pytest.mark.needs_gl
-NAMES = FrameTags.__dataclass_fields__
+NAMES = FrameTags.__struct_fields__
 
 
 def as_frame(frame, **changes):

@@ -1,9 +1,8 @@
 """An uncertain camera is said to be one, with what to give; a sure one is not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nlens_video.cameras.doubt import doubt, what_was_found
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera

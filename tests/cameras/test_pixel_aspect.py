@@ -2,10 +2,10 @@
 
 import json
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.camera_files import RATE, fspy, pose_of, write_colmap
 from support.glb_builder import GlbBuilder
 

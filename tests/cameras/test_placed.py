@@ -1,12 +1,12 @@
 """Objects on the ground of a solved camera: where the frame shows them, and that they stay."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from nlens_video.cameras.placed import in_solved_world, place_on_ground, stand_on_ground

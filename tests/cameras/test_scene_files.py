@@ -5,7 +5,6 @@ import json
 import math
 import subprocess
 import sys
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -13,6 +12,7 @@ import pygltflib
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from pxr import Gf, Usd, UsdGeom
 from scipy.spatial.transform import Rotation
 from support.glb_builder import GlbBuilder

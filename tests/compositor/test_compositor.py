@@ -5,13 +5,13 @@ import pickle
 import threading
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from fractions import Fraction
 
 import av
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 
 from nlens_video import Compositor

@@ -1,13 +1,13 @@
 """OpenCV's capture with an object in its frames, beside OpenCV's own on the same real files."""
 
 import threading
-from dataclasses import replace
 from fractions import Fraction
 
 import av
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.clips import write_clip
 from support.conformance import OPTIONS as OPTIONS_OF_PLATES

@@ -1,10 +1,9 @@
 """Depth of the background of a travelling camera, and frames warped by it, against ray tracing."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.rooms import room, room_disparities
 

@@ -1,12 +1,11 @@
 """Lens distortion of the object, against OpenCV's own model."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support import shots
 
 from nlens_video.core.box import undistorted_radius

@@ -1,12 +1,11 @@
 """Exposure changes of the plate over a shot, applied to the object."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Box

@@ -1,9 +1,8 @@
 """Grain beyond diffuse white: measured and added in HDR and in plates of light itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import BlurredLayer, Box

@@ -1,13 +1,13 @@
 """Motion blur against hand-worked kernels and hundreds of shutter samples."""
 
 import json
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support import shots
 from support.glb_builder import GlbBuilder
 

@@ -3,13 +3,13 @@
 import itertools
 import math
 import tracemalloc
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support import shots
 from support.definitions import marked
 from support.overhead import HEIGHT, WIDTH, looking_down

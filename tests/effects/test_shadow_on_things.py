@@ -1,12 +1,12 @@
 """The shadow on things whose depth is known: steps and walls, against hand-worked values."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.overhead import HEIGHT, WIDTH, looking_down
 
 from nlens_video.core.layers import Box, DepthMap

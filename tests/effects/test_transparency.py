@@ -1,12 +1,12 @@
 """Shadows of transparent and of static objects: alpha masks, blended panes, reuse over frames."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.calls import calls_of
 from support.glb_builder import QUAD_FACES, GlbBuilder
 from support.overhead import HEIGHT, WIDTH, looking_down

@@ -4,11 +4,11 @@ import csv
 import json
 import math
 import shutil
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.shots import write_video
 from support.truth_folder import INTERCEPT, SLOPE, camera, cube_depth, write_rendered
 

@@ -1,11 +1,10 @@
 """What a fit states of its errors is held against the true lens of a plate."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.truth_folder import INTERCEPT, SLOPE, write_plate
 
 from nlens_video.core.lens_fit import LensFit

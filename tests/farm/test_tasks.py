@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -40,8 +39,7 @@ def settings():
     )
 
 
-@dataclass(frozen=True)
-class There(Folder):
+class There(Folder, frozen=True):
     """A folder in which chunks with these first frames are said to be."""
 
     firsts: tuple[int, ...] = ()

@@ -3,9 +3,9 @@
 import threading
 import time
 from contextlib import closing
-from dataclasses import dataclass, replace
 
 import pytest
+from msgspec.structs import replace
 from support import shots
 
 from nlens_video.cli.main import main
@@ -92,8 +92,7 @@ def test_error_of_an_open_run_reaches_the_caller_that_waits_for_a_chunk(run, tmp
     worker.close()
 
 
-@dataclass(frozen=True, slots=True)
-class Full(Folder):
+class Full(Folder, frozen=True):
     """A folder that takes nothing."""
 
     def put(self, name):

@@ -1,10 +1,9 @@
 """The diagram of a pipeline: every port that is read has a writer above."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from nlens_video.effects.planner import EFFECTS
 from nlens_video.graph.base.values import GIVEN

@@ -1,11 +1,11 @@
 """Whether a shot calls for occlusion by what moves in it, and which way the order falls."""
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 from support import shots
 from support.rooms import room

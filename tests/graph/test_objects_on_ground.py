@@ -1,11 +1,10 @@
 """Several objects and keyed ones: where the frame shows them, how large and how turned."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 from support import shots
 

@@ -1,10 +1,10 @@
 """Light estimated from the plate is a value of the graph and not a state of the renderer."""
 
 import contextlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.glb_builder import GlbBuilder
 

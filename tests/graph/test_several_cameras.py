@@ -1,7 +1,6 @@
 """Which of several cameras of a file is used is said, unless it is asked for or none is."""
 
-from dataclasses import replace
-
+from msgspec.structs import replace
 from support.glb_builder import GlbBuilder
 
 from nlens_video.core.placement import Placement

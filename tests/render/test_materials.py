@@ -1,10 +1,10 @@
 """Material extensions of glTF: both renderers against the specification's formulas in NumPy."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.glb_builder import QUAD_UV, GlbBuilder
 from support.quads import camera_at, draw, material, quad, unlit
 

@@ -1,10 +1,10 @@
 """Smooth surfaces mirror the light around: both renderers against the definition in NumPy."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.glb_builder import QUAD_UV, GlbBuilder
 from support.quads import camera_at, material, quad, unlit
 

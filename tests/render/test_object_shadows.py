@@ -1,13 +1,13 @@
 """Shadows that parts of the object, and objects, cast on each other."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.glb_builder import QUAD, QUAD_UV, GlbBuilder
 from support.native_levels import assert_same_bits
 from support.quads import material, quad

@@ -1,10 +1,10 @@
 """The page of a solved camera: complete, self-contained, fit for a phone."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import browser
 
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera

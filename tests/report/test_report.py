@@ -4,11 +4,11 @@ import copy
 import json
 import pickle
 import re
-from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.page_reader import read, without_pictures
 from support.shots import (
     HEIGHT,

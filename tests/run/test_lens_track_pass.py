@@ -1,13 +1,13 @@
 """A lens that changes over a file is followed; one that does not is left alone."""
 
 import json
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support import shots
 
 from nlens_video import Compositor

@@ -1,9 +1,8 @@
 """The lens under a moving camera is fitted on several frames, of which each sees other ground."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.planes import HEIGHT, WIDTH, ground, of_map
 

@@ -1,9 +1,8 @@
 """Frames that do not tell the slope of their lens take that of the frames before them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.planes import of_map
 
 from nlens_video.core.layers import CocMap

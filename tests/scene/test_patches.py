@@ -1,12 +1,12 @@
 """Patches of the object's surface: they cover it evenly, and move and look as it does."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.calls import calls_of
 from support.glb_builder import QUAD, QUAD_UV, GlbBuilder
 

@@ -1,10 +1,10 @@
 """Light around the object, estimated from the plate."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nlens_video.core.settings import SunSettings
 from nlens_video.scene.camera import Camera

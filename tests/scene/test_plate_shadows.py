@@ -1,10 +1,10 @@
 """How dark the plate's own shadows are, and what is lit by it."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.courtyard import HEIGHT, LEFT, SEAT, TOWARD, UP, WIDTH, camera, courtyard, file_sun
 
 from nlens_video.core.layers import Box

@@ -1,13 +1,13 @@
 """A sun that the plate tells of: what the network's answer means, and what is lit by it."""
 
 import math
-from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support import shots
 from support.command import nlens
 from support.courtyard import LEFT, SEAT, camera, courtyard, file_sun

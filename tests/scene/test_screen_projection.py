@@ -1,11 +1,10 @@
 """Screen bounds of everything within the convex hull of a set of points."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Box
 from nlens_video.scene.camera import Camera

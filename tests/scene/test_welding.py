@@ -1,11 +1,10 @@
 """Vertices that a file repeats at creases are joined for the shadow, which stays what it was."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.definitions import marked
 
 from nlens_video.effects.shadow.coverage import edges_of

@@ -1,9 +1,8 @@
 """How a solved camera explains tracks and segments."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.camera_paths import SIZE, focal_of, project, rotation
 from support.seen_points import observed
 

@@ -1,10 +1,9 @@
 """Shots from pictures: cuts are found, long ones are solved in parts."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import grounds
 from support.camera_paths import rotation
 

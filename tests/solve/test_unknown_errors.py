@@ -1,10 +1,10 @@
 """Numbers that are not finite: none is called measured, and none reaches a file."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nlens_video.cameras.solved import CameraErrors, CameraKey, SolvedCamera
 from nlens_video.cli.plate_solver import require_numbers

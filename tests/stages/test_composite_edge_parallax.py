@@ -1,12 +1,12 @@
 """Edge parallax: a half-occluded lens at a blurred edge, against a sampled aperture."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.definitions import edge_parallax_by_pixels
 
 from nlens_video.core.errors import LensFitError

@@ -1,6 +1,5 @@
 """The sampled lens: positions and weights of the views, their sum, and its convergence."""
 
-import dataclasses
 import math
 
 import cv2
@@ -8,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from scipy.spatial import cKDTree
 from support.cards import BLUR, FRAME, HEIGHT, NEAR_OVER_FAR, WIDTH, camera, card
 from support.glb_builder import GlbBuilder
@@ -114,7 +114,7 @@ def test_surface_point_moves_by_half_its_coc_across_the_aperture(
     turned = np.eye(4)
     turned[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     turned[:3, 3] = [1.0, -2.0, 0.5]
-    middle = dataclasses.replace(camera(aspect), world_from_camera=turned)
+    middle = replace(camera(aspect), world_from_camera=turned)
     world = np.array([[0.2, -0.1, -1.0, 0.0]]) / disparity @ turned.T + turned[:, 3]
     seen = [
         view.pixels(view.to_camera(world[:, :3]))[0]
@@ -267,7 +267,7 @@ def test_lens_sampling_is_bit_identical_on_any_number_of_threads(tmp_path):
 def test_views_rendered_in_parallel_equal_those_rendered_in_sequence(tmp_path):
     scene, seen = cards_scene(tmp_path, *NEAR_OVER_FAR), {}
     cameras = [lens_camera(camera(), FIT, u, v) for u, v in lens_points(8).places.tolist()]
-    behind = dataclasses.replace(camera(), world_from_camera=np.diag([1.0, 1.0, -1.0, 1.0]))
+    behind = replace(camera(), world_from_camera=np.diag([1.0, 1.0, -1.0, 1.0]))
     with SoftwareObjectRenderer(scene) as drawn:
         drawn.render_views(0.0, [*cameras, behind], 4, seen.__setitem__, nearest=True)
         assert sorted(seen) == list(range(9)) and seen.pop(8) is None

@@ -1,9 +1,8 @@
 """The sampled lens from frame to frame: no flicker, and no dependence on the frame's size."""
 
-import dataclasses
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.cards import BLUR, FRAME, NEAR_OVER_FAR, camera, card
 from support.glb_builder import GlbBuilder
 
@@ -45,9 +44,7 @@ def lens(near, far):
 def seen(drawn, fit, *, slide=0.0, frame=FRAME, views=None):
     """The blurred layer on the whole frame, everything `slide` px further right."""
     middle = camera()
-    middle = dataclasses.replace(
-        middle, cx=middle.cx + slide, width=frame.width, height=frame.height
-    )
+    middle = replace(middle, cx=middle.cx + slide, width=frame.width, height=frame.height)
     shot = LensSetup(time_s=0.0, camera=middle, fit=fit, frame=frame)
     if views is None:
         stage = SampleLens(

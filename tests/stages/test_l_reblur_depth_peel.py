@@ -1,7 +1,6 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import Box

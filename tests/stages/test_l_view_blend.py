@@ -1,10 +1,10 @@
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Box, DefocusedLayer, ObjectLayer
 from nlens_video.core.lens_fit import LensFit

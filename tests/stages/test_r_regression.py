@@ -1,9 +1,8 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from support.planes import HEIGHT, WIDTH, ground, of_map
 
 from nlens_video.core.errors import LensFitError

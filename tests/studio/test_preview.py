@@ -2,12 +2,12 @@
 
 import copy
 import json
-from dataclasses import replace
 
 import av
 import cv2
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.clips import trim, write_clip
 from support.command import nlens

@@ -9,12 +9,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
 import av
 import numpy as np
+from msgspec.structs import replace
 from support import shots
 from support.folders import ROOT
 
@@ -171,7 +172,7 @@ def of_frames(frames: list[av.VideoFrame]) -> Composited:
     return Composited(
         [planes_of(frame) for frame in frames],
         [(frame.pts - frames[0].pts) * frame.time_base for frame in frames],
-        FrameTags(**{name: getattr(frames[0], name) for name in FrameTags.__dataclass_fields__}),
+        FrameTags(**{name: getattr(frames[0], name) for name in FrameTags.__struct_fields__}),
     )
 
 
@@ -190,5 +191,5 @@ def planes_of(frame: av.VideoFrame) -> list[np.ndarray]:
 
 
 def _tag(target: object, tags: FrameTags) -> None:
-    for name in FrameTags.__dataclass_fields__:
+    for name in FrameTags.__struct_fields__:
         setattr(target, name, getattr(tags, name))

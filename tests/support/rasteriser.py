@@ -1,8 +1,7 @@
 """The software rasteriser on triangles given as arrays, and what it is compared with."""
 
-from dataclasses import replace
-
 import numpy as np
+from msgspec.structs import replace
 from support import shading_block as at
 
 from nlens_video.core.layers import Box

@@ -1,9 +1,9 @@
 """What a range of a source takes over: its timecode goes on, its chapters are cut."""
 
-from dataclasses import replace
 from fractions import Fraction
 
 import pytest
+from msgspec.structs import replace
 from support.clips import noise_frame, write_clip
 
 from nlens_video.video.input.seek import open_seekable

@@ -1,11 +1,11 @@
 """Names of sources and results: numbered sequences, their gaps, awkward file names."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support import shots
 from support.clips import copy, noise_frame, write_plates
 

@@ -1,11 +1,11 @@
 """Compositing on real samples: what is touched, what is not; the fast kernel by its reference."""
 
 import copy
-from dataclasses import replace
 
 import av
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from support.clips import noise_frame, planes, write_clip
 
 from nlens_video.core.color import ColorTags

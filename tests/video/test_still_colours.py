@@ -29,7 +29,7 @@ def bars(pixel_format, tags=BT709):
     frame = rgb.reformat(
         format=pixel_format, dst_colorspace=tags.colorspace, dst_color_range=tags.color_range
     )
-    for name in FrameTags.__dataclass_fields__:
+    for name in FrameTags.__struct_fields__:
         setattr(frame, name, getattr(tags, name))
     return frame
 
@@ -175,7 +175,7 @@ def test_no_colour_tags_are_told_of_light_that_becomes_srgb(tmp_path):
 def test_large_yuv_picture_is_read_as_other_readers_show_it(tmp_path, name, ending):
     """Video of this size without tags would be of BT.709."""
     frame = bars("yuv420p").reformat(width=1280, height=720)
-    for tag in FrameTags.__dataclass_fields__:
+    for tag in FrameTags.__struct_fields__:
         setattr(frame, tag, getattr(BT709, tag))
     clip, out = write_clip(tmp_path / "in.mkv", [frame]), tmp_path / f"{name}.{ending}"
     copy(clip, out, pix_fmt="yuv420p", one_frame=True)

@@ -132,7 +132,7 @@ def test_rgb_that_becomes_yuv_keeps_the_meaning_of_its_codes(tmp_path, primaries
     frame = av.VideoFrame.from_ndarray((codes / 1023 * 65535).astype(np.uint16), "rgb48le")
     frame = frame.reformat(format="gbrp10le")
     tags = FrameTags(colorspace=0, color_range=2, color_primaries=primaries, color_trc=curve)
-    for name in FrameTags.__dataclass_fields__:
+    for name in FrameTags.__struct_fields__:
         setattr(frame, name, getattr(tags, name))
     plate, out = write_clip(tmp_path / "in.mkv", [frame]), tmp_path / "out.mkv"
     assert copy(plate, out, codec="ffv1", pix_fmt="yuv444p10le") == ()
@@ -159,6 +159,6 @@ def test_usual_pairs_need_no_trial():
 
 def tagged(tags, pixel_format):
     frame = noise_frame(64, 48, pixel_format)
-    for name in FrameTags.__dataclass_fields__:
+    for name in FrameTags.__struct_fields__:
         setattr(frame, name, getattr(tags, name))
     return frame

@@ -12,11 +12,12 @@ turn.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import cast
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Float64, Picture
 from nlens_video.core.optics import ROUND, Aperture
@@ -39,8 +40,7 @@ _CLEARLY = 0.85  # squared error of the best number of blades by that of the sec
 _LEAST_CAT_EYE = 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class ApertureReading:
+class ApertureReading(Struct, frozen=True):
     """An aperture as it shows on a plate.
 
     Attributes:

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import (
     BlurredLayer,
@@ -76,8 +76,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Halo:
+class _Halo(Struct, frozen=True, kw_only=True):
     words: str
     share: float = 0.0
     length_px: float = 0.0
@@ -85,8 +84,7 @@ class _Halo:
     certain: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class _Surroundings:
+class _Surroundings(Struct, frozen=True):
     """Pixels around lamps (N,), those of a sector of a lamp together.
 
     Attributes:
@@ -197,8 +195,7 @@ def _border(light: Float32, away: Float32, lamp: float) -> float:
     return float(_REACH)
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
+class _Fit(Struct, frozen=True):
     """Share of the light in a halo of one length, its standard error, misfit, contrast."""
 
     share: float

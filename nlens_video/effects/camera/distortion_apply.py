@@ -8,10 +8,11 @@ that of the pinhole camera.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.box import half_diagonal, undistorted_radius
 from nlens_video.core.layers import (
@@ -32,8 +33,7 @@ _BAND = 64  # rows that are bounded at once: what that takes stays in the cache
 _NOWHERE = -1e4  # a place that no layer covers [px]
 
 
-@dataclass(frozen=True, slots=True)
-class DistortionMap:
+class DistortionMap(Struct, frozen=True):
     """A distortion in the pixels of one camera.
 
     Attributes:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.box import undistorted_radius
 from nlens_video.core.layers import Float32, Float64, Picture
@@ -63,8 +63,7 @@ def measure(pictures: Sequence[Picture]) -> Measurement:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Bent:
+class _Bent(Struct, frozen=True, kw_only=True):
     """Fit to all edges.
 
     Attributes:

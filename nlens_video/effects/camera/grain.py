@@ -7,11 +7,11 @@ the composite.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import BlurredLayer, Box, Float32, Picture
 from nlens_video.effects.camera.grain_code import SDR, GrainCode
@@ -26,8 +26,7 @@ TILE_PX = 512
 """Side of the noise that is laid on each frame from another place [px]."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class GrainModel:
+class GrainModel(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """A plate's noise in code values.
 
     Attributes:
@@ -78,8 +77,7 @@ class GrainModel:
         return tiled(self.tile, box, places, shares)
 
 
-@dataclass(frozen=True, eq=False)
-class AddGrain:
+class AddGrain(Struct, frozen=True, eq=False):
     """Adds grain to a layer, so that its composite is as noisy as the plate.
 
     Attributes:

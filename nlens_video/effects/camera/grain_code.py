@@ -8,10 +8,10 @@ dark, where noise is as large as the light.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import Float32
@@ -21,8 +21,7 @@ _LEAST_OF_PQ = 10.0  # light at which HDR codes end that are no HLG, which ends 
 _TOP = 64.0  # above the 49 of PQ; light divided by it keeps all its digits [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GrainCode:
+class GrainCode(Struct, frozen=True, kw_only=True):
     """A code for light.
 
     Attributes:

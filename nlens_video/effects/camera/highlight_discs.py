@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64
 
@@ -36,8 +36,7 @@ DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)])
 _RAYS = DIRECTIONS[..., None] * _RAY  # columns and rows (2, 96, 71) [radius]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Discs:
+class Discs(Struct, frozen=True, eq=False):
     """Highlights out of focus.
 
     Attributes:

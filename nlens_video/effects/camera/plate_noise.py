@@ -10,13 +10,13 @@ with each other as noise does.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32, Int64
 
@@ -39,8 +39,7 @@ _ROUNDS = 8
 _TEXTURE = 0.65  # correlation of neighbours beyond which a residual is texture
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlateNoise:
+class PlateNoise(Struct, frozen=True, kw_only=True):
     """Noise of a plate.
 
     Attributes:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Float64
 
@@ -22,8 +23,7 @@ _LEAST_CERTAINTY_OF_BEND = 3.0
 _UNIT = np.array([[1.0], [0.0], [1.0]])  # matrix, as `_product` takes it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RadialFit:
+class RadialFit(Struct, frozen=True, kw_only=True):
     """Displacement `linear * r + cubic * r**3` outwards, r = 1 at the corner.
 
     Attributes:
@@ -71,8 +71,7 @@ class RadialFit:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Windows:
+class Windows(Struct, frozen=True, kw_only=True, eq=False):
     """Measurements in small windows of a picture.
 
     Attributes:
@@ -145,8 +144,7 @@ def _picked(*weights: float, zeros: int) -> Float64:
     return np.array([*weights, *([0.0] * zeros)])
 
 
-@dataclass(frozen=True, slots=True)
-class _Lines:
+class _Lines(Struct, frozen=True):
     """A robust weighted least-squares fit of displacements, two equations a window.
 
     Attributes:

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import BlurredLayer, Box, DefocusedLayer, Float32, Int64, Picture
 from nlens_video.effects.measurement import Measurement
@@ -109,8 +109,7 @@ _SHARPEST_PART = 0.05  # share of the object's pixels that counts as its sharpes
 _REACH = 3.0  # deviations
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SharpnessFloor:
+class SharpnessFloor(Struct, frozen=True, kw_only=True):
     """Blur of the plate's sharpest edges.
 
     Attributes:

@@ -13,9 +13,9 @@ around the object (`CleanPlate`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE
@@ -103,8 +103,7 @@ def _differing(roots: Float32, background: Float32, limit: float) -> float:
     return float((channel_max(np.abs(roots - background)) > np.float32(limit)).mean())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CleanPlate:
+class CleanPlate(Struct, frozen=True, kw_only=True):
     """Background of a region at full resolution, in the exposure of the first frame.
 
     Attributes:
@@ -118,8 +117,7 @@ class CleanPlate:
     noise: Float32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BackgroundModel:
+class BackgroundModel(Struct, frozen=True, kw_only=True):
     """Background of a whole shot at low resolution.
 
     Attributes:

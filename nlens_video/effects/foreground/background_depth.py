@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.foreground.frame_sampler import (
@@ -39,8 +40,7 @@ _UNKNOWN_COST = 0.5  # cost of a frame that does not show the pixel, by `_MAX_CO
 _GROUND_BIAS = 0.9  # factor on the cost of the ground, which other depths must undercut [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BackgroundDepth:
+class BackgroundDepth(Struct, frozen=True, kw_only=True):
     """Depth of the background in the view of one camera.
 
     Attributes:

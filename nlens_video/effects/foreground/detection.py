@@ -6,11 +6,10 @@ and texture as they are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.frame_sampler import MIN_CHANGE
@@ -31,8 +30,7 @@ _MAX_FOOT_GAP, _MAX_FOOT_OFFSET, _MAX_FOOT_HEIGHT = 0.9, 0.35, 0.5
 """Of a foot, by the height of the body above it [1]: gap below it, offset to a side, height."""
 
 
-@dataclass(frozen=True, slots=True)
-class Detection:
+class Detection(Struct, frozen=True):
     """A detected blob on a frame at low resolution, or the union of several ones.
 
     Attributes:
@@ -133,8 +131,7 @@ def _shadow_mask(roots: Float32, background: Float32) -> Bool:
     return np.asarray(untinted & (grown > 0), np.bool_)
 
 
-@dataclass(frozen=True, slots=True)
-class Blob:
+class Blob(Struct, frozen=True):
     """A connected component of the foreground mask, with the feet that belong to it.
 
     Attributes:

@@ -6,10 +6,9 @@ and silhouettes, nearer targets over farther ones, best explain the foreground m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, Float32
 from nlens_video.effects.foreground.appearance import AppearanceModel
@@ -22,8 +21,7 @@ _OUTLIER_LIKELIHOOD = 1e-5  # likelihood of a foreground pixel that no target co
 _CORRELATED_PIXELS = 12.0  # neighbouring pixels that count as one independent observation
 
 
-@dataclass(frozen=True, slots=True)
-class MergedTarget:
+class MergedTarget(Struct, frozen=True):
     """One of the targets in a merged blob.
 
     Attributes:
@@ -35,8 +33,7 @@ class MergedTarget:
     predicted: Box
 
 
-@dataclass(frozen=True, slots=True)
-class Localization:
+class Localization(Struct, frozen=True):
     """Where a target of a merged blob is.
 
     Attributes:
@@ -97,8 +94,7 @@ def localize(
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class _Moved:
+class _Moved(Struct, frozen=True):
     """Coverage by a target that is moved sideways.
 
     Attributes:

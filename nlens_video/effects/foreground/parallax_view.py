@@ -7,10 +7,11 @@ depth of the background behind it, a target would be torn.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Box, Float32, Picture
 from nlens_video.effects.foreground.background import BackgroundModel
@@ -28,8 +29,7 @@ from nlens_video.scene.camera import Camera
 _HALF = np.float32(0.5)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParallaxView:
+class ParallaxView(Struct, frozen=True, kw_only=True):
     """The view of one virtual camera, for frames of a camera that rotates and travels.
 
     Attributes:

@@ -9,10 +9,10 @@ targets but on which side of the object they stand.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import (
     BlurredLayer,
@@ -38,8 +38,7 @@ _DISC_SIGMA = 0.25  # standard deviation of a disc of confusion, by its diameter
 _MIN_WEIGHT = 1e-6  # weight of the object's pixels nearby below which there are none [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GroundLight:
+class GroundLight(Struct, frozen=True, kw_only=True, eq=False):
     """Light of the ground in the plate, by its light in the background.
 
     Attributes:
@@ -51,8 +50,7 @@ class GroundLight:
     ratio: Float32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sunlight:
+class Sunlight(Struct, frozen=True, kw_only=True, eq=False):
     """A known sun on an object and its ground.
 
     Attributes:

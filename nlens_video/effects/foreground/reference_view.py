@@ -7,11 +7,11 @@ camera that also travels, so that the background shows parallax (`ParallaxView`)
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, Picture
 from nlens_video.effects.foreground.background import BackgroundModel, lowres_size, sqrt_light
@@ -89,8 +89,7 @@ class ReferenceView(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class StaticView:
+class StaticView(Struct, frozen=True):
     """Reference view of a static camera: the frame itself.
 
     Attributes:

@@ -7,10 +7,11 @@ that rotates in place are warped exactly. For a camera that travels, see `Parall
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.box import undistorted_radius
 from nlens_video.core.layers import Box, Float32, Float64, Picture
@@ -27,8 +28,7 @@ _GRID_STEP_PX = 8  # grid of pixels that are projected; those between are interp
 _MIN_DEPTH = 1e-6  # depth of a ray in the target camera, by that in the source camera [1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RotationView:
+class RotationView(Struct, frozen=True, kw_only=True):
     """The view of a virtual camera that looks at the object, for frames of a camera that rotates.
 
     Attributes:

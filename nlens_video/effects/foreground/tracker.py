@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, Box, Float32, UInt8
 from nlens_video.effects.foreground.appearance import AppearanceModel
@@ -36,8 +37,7 @@ _MIN_NEARNESS = 0.4  # distance of the object, by that of the farthest target th
 _MIN_STEADY_FRAMES = 8  # frames of a track from which its steadiness is judged
 
 
-@dataclass(frozen=True, slots=True)
-class TrackState:
+class TrackState(Struct, frozen=True):
     """A target on one frame.
 
     Attributes:
@@ -208,8 +208,7 @@ class Tracker:
         return {frame: tuple(states) for frame, states in found.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class _Frame:
+class _Frame(Struct, frozen=True):
     """Arguments of `Tracker.add`, with the roots of light as 8-bit codes (h, w, 3)."""
 
     index: int

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import (  # fmt: skip
     BlurredLayer,
@@ -34,8 +35,7 @@ _MEAN_WITHOUT = np.hstack([np.diag([-1, -1, -1, 0]), np.ones((4, 1))])[:, [0, 1,
 _WITH_MEAN = np.vstack([np.eye(3), np.full((1, 3), 1.0 / 3.0)]).astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Grid:
+class Grid(Struct, frozen=True, kw_only=True, eq=False):
     """Sample positions on the ground: pixels of a box of the frame, perhaps coarser ones.
 
     Attributes:
@@ -69,8 +69,7 @@ class Grid:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Shade:
+class Shade(Struct, frozen=True, eq=False):
     """A shadow where something else hides the sun from the ground.
 
     Attributes:
@@ -82,8 +81,7 @@ class Shade:
     left: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Shadow:
+class Shadow(Struct, frozen=True, kw_only=True, eq=False):
     """The share of the ground's light that the object blocks.
 
     Attributes:
@@ -154,8 +152,7 @@ def ground_blur(
     return 0.0 if crosses else float(np.abs(coc).min()), float(np.abs(coc).max())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BlurredShadow:
+class BlurredShadow(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """A shadow as the lens shows it.
 
     Attributes:
@@ -199,8 +196,7 @@ def _darkening(loss: Float32) -> Float32:
     return np.asarray(cv2.transform(loss, _MEAN_WITHOUT), dtype=np.float32)
 
 
-@dataclass(frozen=True, slots=True)
-class ApplyShadow:
+class ApplyShadow(Struct, frozen=True):
     """Composites a shadow over the plate, blurred as the lens blurs the ground.
 
     Attributes:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.effects.shadow.apply import Grid
@@ -23,8 +23,7 @@ _NEAREST = 1e-6  # depth at which a box is clipped, by the greatest of its corne
 _BOX_EDGES = np.array([(n, n | bit) for bit in (1, 2, 4) for n in range(8) if not n & bit])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Query:
+class Query(Struct, frozen=True, eq=False):
     """Samples of a light whose blocked share is computed on a grid.
 
     Attributes:
@@ -76,8 +75,7 @@ def _before_camera(places: Float64) -> tuple[Float64, Float64]:
     return column / depth, row / depth
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
+class _Part(Struct, frozen=True, eq=False):
     """Samples of lights whose shadows at one moment are drawn together.
 
     Attributes:

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import zip_longest
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.core.lens_fit import LensFit
@@ -48,8 +48,7 @@ BLACKEST = 0.999
 """Largest loss: some light always comes back from the body [1]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CastShadow:
+class CastShadow(Struct, frozen=True, kw_only=True):
     """Casts the shadow of triangles on the ground.
 
     Attributes:
@@ -181,8 +180,7 @@ class CastShadow:
         return np.clip(loss, np.float32(0.0), np.float32(BLACKEST), out=loss)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Share:
+class _Share(Struct, frozen=True, eq=False):
     """Share of a light that is blocked (h, w), on a grid."""
 
     hidden: Float32

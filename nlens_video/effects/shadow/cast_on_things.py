@@ -8,10 +8,10 @@ turned: a wall that faces away from the sun loses nothing by a shadow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.core.lens_fit import LensFit
@@ -31,8 +31,7 @@ _ON_GROUND = 0.2
 _CONTEXT_PX = 8  # around a region, in which normals are fitted [px]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CastOnThings:
+class CastOnThings(Struct, frozen=True, kw_only=True):
     """Casts the shadow on surfaces off the ground, in place of that on the plane behind them.
 
     Attributes:
@@ -118,8 +117,7 @@ def _shows_ground(sparse: Things, on_plane: Shadow | None) -> bool:
     return bool((dark * level).sum() >= _ON_GROUND * dark.sum())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Patch:
+class _Patch(Struct, frozen=True, eq=False):
     """A box of the frame with the shadow on things (h, w, 3), its CoC [px], and where they are."""
 
     box: Box

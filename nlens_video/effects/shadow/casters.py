@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.coverage import edges_of
@@ -50,8 +51,7 @@ class CasterCache:
         return self._joined[geometries]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TransparentCaster:
+class TransparentCaster(Struct, frozen=True, eq=False):
     """Triangles that are not opaque everywhere.
 
     Attributes:
@@ -65,8 +65,7 @@ class TransparentCaster:
     opacity: Opacity
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Casters:
+class Casters(Struct, frozen=True, eq=False):
     """All shadow casters at one moment.
 
     Attributes:
@@ -115,16 +114,14 @@ class Casters:
         return cls(places, faces, edges, tuple(transparent))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Moment:
+class Moment(Struct, frozen=True, eq=False):
     """Shadow casters and camera at one moment."""
 
     casters: Casters
     camera: Camera
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrameCasters:
+class FrameCasters(Struct, frozen=True, kw_only=True, eq=False):
     """What casts a frame's shadow, and by which light.
 
     Attributes:
@@ -140,8 +137,7 @@ class FrameCasters:
     camera: Camera
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClippedMesh:
+class ClippedMesh(Struct, frozen=True, kw_only=True, eq=False, dict=True):
     """Triangles, all of them on one side of a horizontal plane.
 
     Attributes:
@@ -236,8 +232,7 @@ def _between(vertices: Float64, distance: Float64, a: Int32, b: Int32) -> Float6
     return np.asarray(vertices[a] + part[:, None] * (vertices[b] - vertices[a]))
 
 
-@dataclass(frozen=True, eq=False)
-class Occluder:
+class Occluder(Struct, frozen=True, eq=False, dict=True):
     """Shadow casters above a ground plane, at one moment.
 
     Attributes:

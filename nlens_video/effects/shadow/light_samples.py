@@ -6,9 +6,9 @@ Each is a projection of the world on the ground.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 from nlens_video.effects.shadow.ambient import hemisphere, hemisphere_spacing
@@ -21,8 +21,7 @@ _GOLDEN = math.pi * (3.0 - math.sqrt(5.0))
 _SPREAD = 3  # times the points of a lamp whose direction is known
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LightSamples:
+class LightSamples(Struct, frozen=True, eq=False):
     """Samples of a light, each of the same part of it.
 
     Attributes:

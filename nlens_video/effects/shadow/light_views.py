@@ -6,10 +6,10 @@ only: it tells things behind the object from things before it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.effects.shadow.ambient import surface_points
@@ -25,8 +25,7 @@ SAMPLES = 2048
 """Points of a caster's surface."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SampledCasters:
+class SampledCasters(Struct, frozen=True, eq=False):
     """Casters at one moment with points of their surfaces.
 
     Attributes:
@@ -47,8 +46,7 @@ class SampledCasters:
         return cls(occluder, np.concatenate(found).astype(np.float32))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LightViews:
+class LightViews(Struct, frozen=True, kw_only=True, eq=False):
     """Where lines from points of a light meet maps of the casters at one moment.
 
     Attributes:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, Float32, Float64
 from nlens_video.effects.shadow.ambient import (
@@ -49,8 +49,7 @@ _FEW = 128  # points of the casters, to which the distance of surfaces is measur
 _CONTEXT_PX = 8  # around pixels, in which normals are fitted [px]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenLights:
+class SeenLights(Struct, frozen=True, eq=False):
     """The light with the casters as each of its points sees them.
 
     Attributes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32
 from nlens_video.effects.shadow.coverage import PROJECTIONS, Bits, mark_covered
@@ -18,8 +18,7 @@ _BAND = 8192  # points that a thread looks up at a time
 _NO_WEIGHTS = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShadowMaps:
+class ShadowMaps(Struct, frozen=True, eq=False):
     """Maps of the casters from at most `PROJECTIONS` points of a light.
 
     Attributes:

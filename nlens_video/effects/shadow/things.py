@@ -5,9 +5,8 @@ A pixel shows the ground where its point lies close to the plane, or where its d
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Box, DepthMap, Float32
 from nlens_video.effects.shadow.apply import Grid, Shadow
@@ -18,8 +17,7 @@ LEVEL = 0.02
 """Height above or below the plane up to which a point is ground, by the camera's height [1]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Things:
+class Things(Struct, frozen=True, kw_only=True, eq=False):
     """What the pixels of a grid show.
 
     Attributes:

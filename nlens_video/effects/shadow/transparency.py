@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.effects.shadow.casters import ClippedMesh
@@ -19,8 +19,7 @@ REPEATED, MIRRORED, CLAMPED = 0, 1, 2
 _Texture = tuple[Float32, tuple[int, int], float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Absorption:
+class Absorption(Struct, frozen=True, eq=False):
     """Light absorbed by transparent triangles, accumulated projection by projection.
 
     Attributes:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box, UInt8
@@ -23,8 +24,7 @@ from nlens_video.video.pixels.picture import ArrayPicture
 _LINEAR_PX = 0.25  # how far a plate's CoC may be from slope * disparity + intercept
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class Case(Struct, frozen=True, kw_only=True):
     """One thing to reblur and the truth of it; pictures are display-coded RGB (H, W, 3).
 
     Attributes:

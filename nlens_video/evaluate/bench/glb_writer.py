@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64, UInt8
 from nlens_video.scene.gltf.writer import Fields, GlbWriter
@@ -15,8 +15,7 @@ from nlens_video.scene.gltf.writer import Fields, GlbWriter
 _KEY, _FILL = (-0.3, 0.25, 0.0, 0.9), (0.35, -0.3, 0.0, 0.9)  # from above right, from below left
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TexturedMesh:
+class TexturedMesh(Struct, frozen=True, kw_only=True):
     """Textured triangles.
 
     Attributes:
@@ -36,8 +35,7 @@ class TexturedMesh:
     joint: npt.NDArray[np.int64] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Joint:
+class Joint(Struct, frozen=True, kw_only=True):
     """A joint: its place at rest (3,) [scene unit], its pose as a quaternion (x, y, z, w).
 
     The parent is the number of a joint before this one, None for the root.

@@ -12,10 +12,10 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import UInt8
@@ -31,8 +31,7 @@ _WARM_UP = 2  # frames that load, compile and fill caches
 _FEWEST = 3  # frames that are timed, however long they take
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Effort:
+class Effort(Struct, frozen=True, kw_only=True):
     """How much is measured.
 
     Attributes:

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import UInt8
@@ -35,8 +35,7 @@ _TOPS = (7, 2, 9, 0, 5, 10, 3, 8, 1, 6, 4)  # where the rods begin and end, in s
 _FEET = (3, 9, 5, 1, 10, 6, 7, 2, 8, 0, 4)
 
 
-@dataclass(frozen=True, slots=True)
-class SceneModel:
+class SceneModel(Struct, frozen=True):
     """Surfaces, the lens that sees them, the skeleton that carries them."""
 
     optics: SceneLens
@@ -44,8 +43,7 @@ class SceneModel:
     joints: tuple[Joint, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BuiltScene:
+class BuiltScene(Struct, frozen=True, kw_only=True):
     """A scene of `bench` on disk, what is hard about it, and its lens in the frame's pixels."""
 
     name: str

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64, UInt8
 from nlens_video.evaluate.bench.glb_writer import TexturedMesh
@@ -24,8 +24,7 @@ _SIDES = 16  # of a tube
 _AROUND, _UP = 48, 24  # facets of a ball
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(Struct, frozen=True):
     """A point of the scene by its column, row and signed CoC diameter in the picture [px]."""
 
     x: float
@@ -33,8 +32,7 @@ class Place:
     coc_px: float
 
 
-@dataclass(frozen=True, slots=True)
-class SceneLens:
+class SceneLens(Struct, frozen=True):
     """The lens of a scene: coc_px = slope * disparity + intercept on the picture of 960x512."""
 
     slope: float

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from nlens_video.cameras.solved import SolvedCamera
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AngleError:
+class AngleError(Struct, frozen=True, kw_only=True):
     """The error of one quantity; not a number where nothing was solved.
 
     Attributes:

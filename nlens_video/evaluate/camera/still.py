@@ -10,11 +10,11 @@ point of its surface keeps the CoC that the true lens gave it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError, LensFitError
 from nlens_video.core.layers import Bool, CocMap, Float32, Float64
@@ -32,8 +32,7 @@ WIDTH_PX = 960
 _IS_GROUND_PX = 0.5  # a pixel shows the ground where its true CoC is that of the ground
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Subject:
+class Subject(Struct, frozen=True, kw_only=True, eq=False):
     """What is to be blurred, under the true camera.
 
     Attributes:

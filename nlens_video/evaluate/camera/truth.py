@@ -11,10 +11,10 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.cameras.solved import CameraKey, SolvedCamera, rigid_matrix
 from nlens_video.core.errors import InputError
@@ -26,8 +26,7 @@ PICTURE, CLIP = "bg.png", "bg.mp4"
 STILL = "still"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Known:
+class Known(Struct, frozen=True, kw_only=True, eq=False):
     """A plate and its true camera.
 
     Attributes:

@@ -21,10 +21,10 @@ some 15 to 25 % too large; `best_factor` takes that out with help of the truth.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.layers import Bool, CocMap, Float32, Float64, UInt8
@@ -52,8 +52,7 @@ _SMALLEST = 0.05  # share of the samples taken for the smallest CoC; one alone w
 _MIN_SAMPLES = 48
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SparseBlur:
+class SparseBlur(Struct, frozen=True, kw_only=True):
     """Sigma of a Gaussian blur (H, W) [px], any number where it is not `known` (H, W)."""
 
     sigma_px: Float32
@@ -167,8 +166,7 @@ def _textured(sharp: Float32) -> Bool:
     return np.asarray(variance > _TEXTURE * variance.max())
 
 
-@dataclass(frozen=True, slots=True)
-class Quadratic:
+class Quadratic(Struct, frozen=True):
     """Sigma as a polynomial of disparity: weights of its powers 0 to 2 (3,) [px]."""
 
     weights: Float64
@@ -211,8 +209,7 @@ def best_constant(truth: Float32) -> Float32:
     return np.full(truth.shape, np.nanmean(truth), np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Baseline:
+class Baseline(Struct, frozen=True, kw_only=True):
     """A way to estimate the CoC of a whole plate.
 
     Attributes:

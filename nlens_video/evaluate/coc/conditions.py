@@ -18,11 +18,12 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
 from functools import partial
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
@@ -91,8 +92,7 @@ PICTURES: Mapping[str, Callable[[Float32], Float32]] = {
 """Display-coded picture in [0, 1] (H, W, 3) to another, perhaps of another size, by row."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuessedCamera:
+class GuessedCamera(Struct, frozen=True, kw_only=True):
     """A camera with a wrong field of view, and where its user puts the object.
 
     Attributes:

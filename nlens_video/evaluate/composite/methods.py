@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
 from scipy.ndimage import binary_erosion, distance_transform_edt
 
 from nlens_video.core.errors import LensFitError
@@ -47,8 +47,7 @@ ABOUT = (
 _RIM_PX = 2.0  # of the renderer's reconstruction filter, on either side of a sharp outline
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Subject:
+class Subject(Struct, frozen=True, kw_only=True):
     """A plate that composites are made on.
 
     Attributes:
@@ -106,8 +105,7 @@ def _nearest(known: Bool) -> tuple[np.ndarray, np.ndarray]:
     return rows, columns
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MethodInputs:
+class MethodInputs(Struct, frozen=True, kw_only=True):
     """What a method is given of the lens."""
 
     fit: LensFit | None = None  # None to find it
@@ -115,8 +113,7 @@ class MethodInputs:
     rms_px: float | None = None  # error of the object's CoC where no fit tells it
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Method:
+class Method(Struct, frozen=True, kw_only=True):
     """A way to composite: how it blurs, and what it is given on a plate."""
 
     name: str

@@ -12,12 +12,12 @@ import json
 import math
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Box, Float32, UInt8
@@ -52,8 +52,7 @@ _ABOUT = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameOrder:
+class FrameOrder(Struct, frozen=True, kw_only=True):
     """What meets the object on a frame.
 
     Attributes:
@@ -133,8 +132,7 @@ def load_orders(folder: Path) -> tuple[FrameOrder, ...]:
         raise InputError(f"{path}: cannot be read as a clip's description ({error})") from error
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameResult:
+class FrameResult(Struct, frozen=True, kw_only=True):
     """A frame that was composited.
 
     Attributes:

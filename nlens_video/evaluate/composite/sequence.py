@@ -10,12 +10,12 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 from nlens_video.core.layers import Bool, Float32, UInt8
@@ -30,8 +30,7 @@ PARTS = (_PLATE, "object.glb", "object", "params.json")
 _SOLID = 0.98  # coverage from which on a pixel has one depth
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sequence:
+class Sequence(Struct, frozen=True, kw_only=True):
     """A sequence: its files and its true lens.
 
     Attributes:

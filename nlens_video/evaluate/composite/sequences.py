@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import astuple
 
 from nlens_video.check.series import second_difference
 from nlens_video.core.errors import InputError
@@ -41,8 +42,7 @@ _ABOUT = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameFigures:
+class FrameFigures(Struct, frozen=True, kw_only=True):
     """One frame of a composite against the truth; nan where the object is out of view.
 
     Attributes:
@@ -83,7 +83,7 @@ def evaluate_sequences(folder: Path, out: Path | None, *, as_json: bool, quiet: 
             for index, frame in enumerate(measured):
                 figures = (f if math.isfinite(f) else math.nan for f in astuple(frame))
                 frames.append([row, path.name, index, *figures])
-    columns = ["row", "sequence", "frame", *(field.name for field in fields(FrameFigures))]
+    columns = ["row", "sequence", "frame", *FrameFigures.__struct_fields__]
     names = ", ".join(table.plates())
     Report(
         name="sequences",

@@ -6,10 +6,11 @@ import csv
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import asdict
 from scipy.stats import binomtest, chi2_contingency
 
 from nlens_video.core.errors import InputError, UsageError
@@ -20,8 +21,7 @@ LEVEL = 0.95
 _NEEDED = ("participant", "file", "method", "virtual", "chosen")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """Which objects of a picture a participant took for virtual; none for "No"."""
 
     participant: str
@@ -36,8 +36,7 @@ class Answer:
         return self.virtual not in self.chosen
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MethodResult:
+class MethodResult(Struct, frozen=True, kw_only=True):
     """Failures of a method: trials in which the virtual object was not found.
 
     Attributes:

@@ -8,12 +8,12 @@ drawn from many points of the lens together with the table; the virtual one come
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, UInt8
 from nlens_video.core.lens_fit import LensFit
@@ -46,8 +46,7 @@ _APERTURES = {"f/2": 24.0, "f/4": 12.0, "f/8": 6.0}  # CoC by disparity [px of 6
 _FOCUSES = {"front": 0.75, "middle": 1.15, "back": 1.8}  # depth
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Plate:
+class _Plate(Struct, frozen=True, kw_only=True):
     """A plate, its lens, and Blind Augmentation's model of it."""
 
     aperture: str

@@ -12,11 +12,13 @@ import csv
 import json
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+
+from msgspec import Struct
+from msgspec.structs import asdict
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.stdio import escape_controls, print_out, standard_error
@@ -27,8 +29,7 @@ QUESTION = "Do you believe there are virtual {things} in the image?"
 _TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".webp": "image/webp"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stimulus:
+class Stimulus(Struct, frozen=True, kw_only=True):
     """A picture of the study: the columns of the list."""
 
     file: str
@@ -39,7 +40,7 @@ class Stimulus:
     virtual: str
 
 
-COLUMNS = tuple(field.name for field in fields(Stimulus))
+COLUMNS = Stimulus.__struct_fields__
 
 
 def load_stimuli(folder: Path) -> list[Stimulus]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
+
+from msgspec import Struct, field
 
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.layers import (
@@ -50,8 +51,7 @@ class ReadAgain(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ShadowScene:
+class ShadowScene(Struct, frozen=True, kw_only=True):
     """Geometry and lighting that cast the shadow.
 
     Attributes:
@@ -71,8 +71,7 @@ class ShadowScene:
     moments: tuple[float, ...] = (0.0,)
 
 
-@dataclass(frozen=True, slots=True)
-class OcclusionSource:
+class OcclusionSource(Struct, frozen=True):
     """Source of foreground occlusion, frame by frame.
 
     Attributes:
@@ -91,8 +90,7 @@ class OcclusionSource:
     notes: Callable[[], tuple[str, ...]] = tuple
 
 
-@dataclass(frozen=True, kw_only=True)
-class NodeContext:
+class NodeContext(Struct, frozen=True, kw_only=True, dict=True):
     """Dependencies of nodes.
 
     Attributes:

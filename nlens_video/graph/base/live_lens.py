@@ -7,7 +7,9 @@ the newest fit by a fixed share per frame.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Picture
 from nlens_video.core.lens_fit import LensFit
@@ -35,8 +37,7 @@ _SHOWS = 1.5  # change that would show by now if the lens moved on, by `AT_REST`
 _SETTLES = 4  # times `SETTLED_S` for which the end of a change is looked for [1]
 
 
-@dataclass(frozen=True, slots=True)
-class _Moving:
+class _Moving(Struct, frozen=True):
     """How the blur changed before the last fit of a live stream; not at all by default.
 
     Attributes:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
+
+from msgspec import Struct
 
 from nlens_video.graph.base.values import FrameValues
 from nlens_video.kernels.coc_discontinuities import STEP_PX
@@ -28,8 +29,7 @@ class Unavailable(Exception):
     """A node cannot be built in this installation or run; the message says why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Port:
+class Port(Struct, frozen=True):
     """An input of a callable.
 
     Attributes:
@@ -79,8 +79,7 @@ def _port(name: str, annotation: object, function: Callable[..., object]) -> Por
     return Port(name=name, type=wanted, optional=written.endswith(_MISSING))
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
+class Condition(Struct, frozen=True):
     """A predicate on a frame that decides whether a node runs.
 
     Attributes:

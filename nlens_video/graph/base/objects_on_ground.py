@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.placed import ground_seen_at
 from nlens_video.cameras.placement import contact_depth, contact_point
@@ -28,8 +29,7 @@ from nlens_video.scene.object_motion import Curve, ObjectMotion, turn_about_up
 from nlens_video.scene.scene import Scene
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Staged:
+class Staged(Struct, frozen=True, kw_only=True):
     """A scene whose objects stand and move as they are placed, and the camera that sees them.
 
     Attributes:
@@ -146,8 +146,7 @@ def _time_of_frame(frame: int, view: View) -> float:
     return start_s + (frame - first) * view.frame_s
 
 
-@dataclass(frozen=True, slots=True)
-class _Ground:
+class _Ground(Struct, frozen=True):
     """The ground, and the camera that sees it."""
 
     first: Scene
@@ -170,8 +169,7 @@ class _Ground:
         return math.atan2(pose[0, 2], pose[2, 2])
 
 
-@dataclass(frozen=True, slots=True)
-class _Standing:
+class _Standing(Struct, frozen=True):
     """An object as its file has it at time 0, and the ground that it is put on."""
 
     glb: Path

@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from msgspec import Struct
+
 _FINEST_MS = 1e-3
 _BIN = math.log(1.01)  # quantiles are read from bins 1 % wide
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrameTiming:
+class FrameTiming(Struct, frozen=True, kw_only=True):
     """What one frame cost.
 
     Attributes:
@@ -55,8 +56,7 @@ class Quantiles:
         return 0.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
+class Summary(Struct, frozen=True, kw_only=True):
     """A run in a few numbers; the first composited frame, which carries the fit, is told apart.
 
     Attributes:

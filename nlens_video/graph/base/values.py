@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+
 if TYPE_CHECKING:
     from nlens_video.core.layers import (
         BlurredLayer,
@@ -30,8 +32,7 @@ if TYPE_CHECKING:
     from nlens_video.video.info import SourceFrame
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FoundLens:
+class FoundLens(Struct, frozen=True, kw_only=True):
     """R's result on one frame.
 
     Attributes:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.doubt import doubt, what_was_found
 from nlens_video.cameras.placed import PlacedCamera, in_solved_world, stand_on_ground
@@ -31,8 +33,7 @@ _BELOW, _SIZE_BELOW = (0.5, 0.85), 0.35
 """Where an object stands on a plate that shows no ground, and its height [frame]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class View(Struct, frozen=True, kw_only=True):
     """How the frame's pixels see the scene.
 
     Attributes:
@@ -108,8 +109,7 @@ class View:
         return tuple(key.pts_s for key in ends) if ends[0].fov_x_deg < ends[1].fov_x_deg else ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScreenBounds:
+class ScreenBounds(Struct, frozen=True, kw_only=True):
     """Camera, screen bounds and depth range of the object at one moment.
 
     Attributes:

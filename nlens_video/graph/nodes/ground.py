@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import astuple, replace
 
 from nlens_video.cameras.placement import contact_point
 from nlens_video.core.box import Box
@@ -277,7 +278,7 @@ class CompositeShadow(Node):
 
 
 def equal_values(first: object, second: object) -> bool:
-    """Deep equality of numbers, arrays, tuples and dataclasses of them."""
+    """Deep equality of numbers, arrays, tuples and structs of them."""
     if first is second:
         return True
     if type(first) is not type(second):
@@ -286,8 +287,6 @@ def equal_values(first: object, second: object) -> bool:
         return bool(np.array_equal(first, second))
     if isinstance(first, tuple) and isinstance(second, tuple):
         return len(first) == len(second) and all(map(equal_values, first, second))
-    if is_dataclass(first):
-        return all(
-            equal_values(getattr(first, f.name), getattr(second, f.name)) for f in fields(first)
-        )
+    if isinstance(first, Struct) and isinstance(second, Struct):
+        return equal_values(astuple(first), astuple(second))
     return bool(first == second)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.core.known_lens import LensPrior

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.box import Box
 from nlens_video.core.layers import BlurredLayer, Float64, ObjectLayer

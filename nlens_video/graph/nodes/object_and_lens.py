@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.errors import LensFitError, Note, NoteKind
 from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
 
 from nlens_video.effects.beginning import Beginning
 from nlens_video.graph.base.node import Node, Unavailable

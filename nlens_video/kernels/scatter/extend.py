@@ -7,12 +7,12 @@ varies.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.disc import MAX_COC_PX
@@ -28,8 +28,7 @@ BAND_ROWS = 32
 """Rows that a thread takes at a time."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Silhouette:
+class Silhouette(Struct, frozen=True, kw_only=True):
     """Where a layer's object lies, row by row.
 
     Attributes:
@@ -52,8 +51,7 @@ class Silhouette:
         return Box(x0, int(rows[0]), x1, int(rows[-1]) + 1)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceLayer:
+class SourceLayer(Struct, frozen=True, kw_only=True):
     """What a scatter kernel reads: the object and the virtual background within reach of it.
 
     Attributes:

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32
 from nlens_video.kernels.scatter.extend import BAND_ROWS, SourceLayer
@@ -30,8 +30,7 @@ SUMS = 12
 columns and rows; the rest is 0."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Detail:
+class Detail(Struct, frozen=True, kw_only=True):
     """How finely discs are drawn.
 
     Attributes:
@@ -74,8 +73,7 @@ Rule = tuple[float, float, float, float, float]
 RowNumbers = npt.NDArray[np.int32]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Level:
+class Level(Struct, frozen=True, kw_only=True):
     """One level of the source.
 
     Attributes:

@@ -9,11 +9,11 @@ disc is a span, the difference of two running sums; these are of integers, and s
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Box, Float32, Float64
 from nlens_video.kernels.scatter.disc import fitted_radii
@@ -31,8 +31,7 @@ _EVERY = 8  # rows and columns at which a map is compared with a plane
 _BAND_ROWS = 16
 
 
-@dataclass(frozen=True, slots=True)
-class PlaneCoc:
+class PlaneCoc(Struct, frozen=True):
     """Signed CoC diameter of a plane, affine across a picture [px, columns].
 
     Attributes:

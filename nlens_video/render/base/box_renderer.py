@@ -7,9 +7,10 @@ import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from typing import Self
+
+from msgspec.structs import replace
 
 from nlens_video.core.errors import NlensError, Note, NoteKind
 from nlens_video.core.layers import BehindLayer, Box, Float32, Float64, ObjectLayer

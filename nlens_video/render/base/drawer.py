@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Box, Float32, Float64, Int64
@@ -25,8 +25,7 @@ _ALL = 2.0  # window depth beyond everything
 _SAME_PLACE = 1e-8  # vertices as close as this are one [size of the mesh]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ViewSetup:
+class ViewSetup(Struct, frozen=True, kw_only=True, eq=False):
     """The object at one moment, its light, and the view of one picture.
 
     Attributes:
@@ -90,8 +89,7 @@ def _screen_box(low: tuple[float, float], high: tuple[float, float], limit: Box)
     return Box(x0, y0, x1, y1).intersection(limit)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrontSurfaces:
+class FrontSurfaces(Struct, frozen=True, kw_only=True, eq=False):
     """Nearest surfaces of a picture, on the region that is peeled.
 
     Attributes:
@@ -122,8 +120,7 @@ class FrontSurfaces:
         return np.maximum(disparity - self.disparity_step, 0.0).astype(np.float32)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BehindPicture:
+class BehindPicture(Struct, frozen=True, kw_only=True, eq=False):
     """What a picture's nearest surface hides.
 
     Attributes:

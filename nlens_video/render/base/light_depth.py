@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from operator import is_
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import parallel_for, processors
@@ -55,8 +55,7 @@ NO_MAPS: DepthMaps = (
 """Of lights that nothing blocks."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LightDepth:
+class LightDepth(Struct, frozen=True, kw_only=True, eq=False):
     """Maps of the object from some of its lights.
 
     Distances in a map are in its pixels, nearness too, so that a disc that looks 2 t wide from a

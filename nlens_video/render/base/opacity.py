@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
+from msgspec import Struct, field
 
 from nlens_video.core.layers import Float32
 from nlens_video.scene.gltf.materials import Material
@@ -15,8 +14,7 @@ MIRRORED, CLAMPED = 33648, 33071  # glTF's codes for texture wrapping
 _OPAQUE = 254.5 / 255.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Opacity:
+class Opacity(Struct, frozen=True, eq=False):
     """Opacity of a surface.
 
     Attributes:
@@ -49,8 +47,7 @@ class Opacity:
         return cls(np.ascontiguousarray(alpha), wrap, cutoff)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Opacities:
+class Opacities(Struct, frozen=True, eq=False):
     """Opacity of surfaces, which does not change over time: each is read once.
 
     Those of one picture and cutoff are the same object.

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.render.base.light_depth import LightDepth, no_light_depth
@@ -15,8 +16,7 @@ from nlens_video.scene.gltf.textures import TextureUse
 from nlens_video.scene.illumination import MAX_LAMPS, Illumination, Lamp, PosedLight
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Lighting:
+class Lighting(Struct, frozen=True, eq=False):
     """The lights of one moment, directional ones first.
 
     Attributes:

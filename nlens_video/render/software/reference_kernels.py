@@ -8,18 +8,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct, field
 
 from nlens_video.core.layers import Float64
 from nlens_video.render.software.raster import NOTHING, SAMPLE_X, SAMPLE_Y
 from nlens_video.render.software.textures import Atlas
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SurfacePoint:
+class SurfacePoint(Struct, frozen=True, kw_only=True, eq=False):
     """A point of a surface: unit vectors (3,), linear colours (3,), factors in [0, 1].
 
     Attributes:

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.render.base.mipmaps import Texels, level_sizes, write_mipmaps
 from nlens_video.scene.gltf.textures import Image
@@ -22,8 +22,7 @@ Table = npt.NDArray[np.int64]
 CLAMP, MIRROR = 33071, 33648
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Atlas:
+class Atlas(Struct, frozen=True, eq=False):
     """All textures of a scene.
 
     Attributes:

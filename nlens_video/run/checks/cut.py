@@ -7,11 +7,11 @@ texture where it was; a jolt or a fast pan moves it, or changes it in several fr
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from threading import Lock
 
 import cv2
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Bool, Box, Float32, Picture
@@ -90,8 +90,7 @@ def _jumps(before: Box | None, now: Box | None, width: int) -> bool:
     return shift > _JUMP_SHARE * width or high > _JUMP_RATIO * low
 
 
-@dataclass(frozen=True, slots=True)
-class _Small:
+class _Small(Struct, frozen=True):
     """A small picture.
 
     Attributes:

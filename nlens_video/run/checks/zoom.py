@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from threading import Lock
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.core.layers import Float32, Picture
@@ -128,8 +128,7 @@ _WINDOW_PX, _LEVELS = 21, 3
 _WITHIN_PX = 1.0  # inlier distance of a point from the common similarity transform
 
 
-@dataclass(frozen=True, slots=True)
-class Zoom:
+class Zoom(Struct, frozen=True):
     """The plate's scale on one frame relative to the first of its shot.
 
     Attributes:

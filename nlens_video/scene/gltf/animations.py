@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
@@ -23,8 +24,7 @@ _LISTED = 12
 _COLUMNS = {"translation": 0, "rotation": 3, "scale": 7}  # of a node's row
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AnimationTrack:
+class AnimationTrack(Struct, frozen=True, eq=False):
     """One animated property of one node or camera.
 
     Attributes:
@@ -131,8 +131,7 @@ class Animation:
         return float(bank.times[np.argmin(angles)]), float(bank.times[np.argmax(angles)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Bank:
+class _Bank(Struct, frozen=True, eq=False):
     """Tracks as the kernel takes them; see `animation_kernels.sample`."""
 
     tracks: npt.NDArray[np.int64]
@@ -165,8 +164,7 @@ class _Bank:
         sample(time_s, self.tracks, self.times, self.values, out)
 
 
-@dataclass(frozen=True, slots=True)
-class Animations:
+class Animations(Struct, frozen=True):
     """The file's animations, of which one or all play.
 
     Attributes:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
 from typing import TypeGuard, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.errors import SceneError
 
@@ -18,8 +18,7 @@ _T = TypeVar("_T", bound=int | str)
 _Float = TypeVar("_Float", np.float32, np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class Fields:
+class Fields(Struct, frozen=True):
     """One JSON object of the file and where it stands.
 
     Attributes:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.color import transfer
 from nlens_video.core.layers import Float64
@@ -24,8 +25,7 @@ AlphaMode = Literal["OPAQUE", "MASK", "BLEND"]
 _ALPHA_MODES: tuple[AlphaMode, ...] = ("OPAQUE", "MASK", "BLEND")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layers:
+class Layers(Struct, frozen=True, kw_only=True):
     """What lies on or within a surface beyond metallic-roughness; linear light.
 
     Attributes:
@@ -70,8 +70,7 @@ class Layers:
         return tuple(name for name, shown in seen.items() if shown)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Material:
+class Material(Struct, frozen=True, kw_only=True, eq=False):
     """What a surface looks like; linear light throughout.
 
     Attributes:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float32, Float64
@@ -22,8 +23,7 @@ _MODES = {0: "points", 1: "lines", 2: "line loops", 3: "line strips"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Geometry:
+class Geometry(Struct, frozen=True, kw_only=True, eq=False):
     """A primitive: what stays the same at all times. Shared by all instances.
 
     Attributes:
@@ -57,8 +57,7 @@ class Geometry:
     at_nodes: Mapping[int, Geometry] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TriangleMesh:
+class TriangleMesh(Struct, frozen=True, eq=False):
     """Primitives under one name.
 
     Attributes:
@@ -130,8 +129,7 @@ def _scaled(
     return replace(geometry, at_nodes=at_nodes)
 
 
-@dataclass(frozen=True, slots=True)
-class _PrimitiveReader:
+class _PrimitiveReader(Struct, frozen=True):
     document: Document
     accessors: AccessorReader
     materials: tuple[Material, ...]

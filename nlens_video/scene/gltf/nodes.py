@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Bool, Float64
@@ -22,8 +22,7 @@ _DEEPEST = 2000  # no scene is: a chain like that is there to do harm
 _EYE = tuple(float(v) for v in np.eye(4).ravel())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Hierarchy:
+class Hierarchy(Struct, frozen=True, kw_only=True, eq=False):
     """The forest of nodes.
 
     Attributes:
@@ -198,8 +197,7 @@ def _called(names: list[str], at: int) -> str:
     return names[at] if names[at] and names.index(names[at]) == at else str(at)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class Skin(Struct, frozen=True, eq=False):
     """Joints of a skinned mesh.
 
     Attributes:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import PIL
 import PIL.features
 import PIL.Image
+from msgspec import Struct
 
 from nlens_video.core.errors import SceneError
 from nlens_video.core.layers import Float64
@@ -80,8 +81,7 @@ class Picture:
         self._pixels = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Image:
+class Image(Struct, frozen=True, kw_only=True, eq=False):
     """A texture: its picture and sampler.
 
     Attributes:
@@ -107,8 +107,7 @@ class Image:
         return np.bincount(values.ravel(), minlength=256) / values.size
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TextureUse:
+class TextureUse(Struct, frozen=True, kw_only=True):
     """A texture where a material uses it.
 
     Attributes:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.cameras.colmap import FLIP
 from nlens_video.core.layers import Bool, Float64
@@ -22,8 +23,7 @@ _REGIONS = 4, 2  # columns and rows of the regions whose points may err alike
 _BENT_GAIN, _BENT_PX = 0.985, 2.0  # of the cost without; shift of a corner that shows
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bundle:
+class Bundle(Struct, frozen=True, eq=False):
     """Keyframes and points, in a world of any scale and axes.
 
     Attributes:

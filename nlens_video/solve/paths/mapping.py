@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.points.observations import Ints, Table
@@ -28,8 +28,7 @@ _NARROW_BEGUN_DEG, _NARROW_DEG = 0.6, 0.3  # between rays to a point, of a path 
 _START_FOV_DEG = 53.0  # of the search, where nothing is known
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Structure:
+class Structure(Struct, frozen=True, eq=False):
     """Keyframes and points that were solved together.
 
     Attributes:
@@ -110,8 +109,7 @@ def map_keyframes(
     )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Shared:
+class _Shared(Struct, frozen=True, eq=False):
     """Points that two keyframes share.
 
     Attributes:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import importlib.util
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from scipy.interpolate import PchipInterpolator
 
 from nlens_video.cameras.colmap import FLIP
@@ -41,8 +42,7 @@ _FEWEST_POINTS = 30  # of a frame that shows texture
 _SEEN_OFTEN = 3  # keyframes that show a point of a path
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class Part(Struct, frozen=True, eq=False):
     """A solved part of a shot, in a world of any scale and axes.
 
     Attributes:
@@ -91,8 +91,7 @@ def check_installed() -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class PartSolver:
+class PartSolver(Struct, frozen=True):
     """Solves parts of a shot.
 
     Attributes:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from msgspec import Struct
 from scipy.spatial.transform import Rotation
 
 from nlens_video.core.layers import Float64
@@ -21,8 +21,7 @@ _FEWEST = 8  # points that two frames share
 _FAR_PX = 4.0  # of a start that is worth refining
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RotationPath:
+class RotationPath(Struct, frozen=True, eq=False):
     """A solved rotation.
 
     Attributes:
@@ -139,8 +138,7 @@ def _aligned(a: Float64, b: Float64, focal: float) -> Float64:
     return turn
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Data:
+class _Data(Struct, frozen=True, eq=False):
     """Points, frames and positions from the frame's middle, Y up, of the observations (N,)."""
 
     numbers: Ints

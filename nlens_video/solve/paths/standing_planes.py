@@ -10,9 +10,9 @@ turn.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.paths.bundle import Bundle
@@ -32,8 +32,7 @@ _UPRIGHT = (0.5, math.radians(0.5)), (0.3, math.radians(5.0))  # share of planes
 _ANY = 0.2  # share of the planes that stand anyhow
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StandingPlanes:
+class StandingPlanes(Struct, frozen=True, eq=False):
     """Planes among the points of a path, in the axes of its first keyframe.
 
     Attributes:

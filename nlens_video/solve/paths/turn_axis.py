@@ -7,9 +7,9 @@ frames lie in the horizontal plane. How far they leave one plane tells how well 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.prior import CameraPrior
@@ -20,8 +20,7 @@ _STRANGE = 1e-5  # likelihood that is left for turns about any axis
 _FEWEST = 3  # frames
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TurnAxis:
+class TurnAxis(Struct, frozen=True, eq=False):
     """What the turns of a camera tell of the vertical in the axes of its first frame.
 
     Attributes:
@@ -46,8 +45,7 @@ class TurnAxis:
         return np.asarray(np.log(np.exp(-0.5 * (away**2).sum(axis=-1)) + _STRANGE))
 
 
-@dataclass(frozen=True, slots=True)
-class TurningPrior(CameraPrior):
+class TurningPrior(CameraPrior, frozen=True):
     """Prior of a camera whose turns tell of its attitude.
 
     Attributes:

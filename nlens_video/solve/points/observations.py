@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import tempfile
 import weakref
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64
 
@@ -18,8 +18,7 @@ _TRACK_FRAMES = 60
 _ROW = np.dtype([("number", "<i4"), ("pixel", "<f4", 2)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Table:
+class Table(Struct, frozen=True, eq=False):
     """Observations in a few frames.
 
     Attributes:

@@ -9,9 +9,9 @@ that is, is not known, but lenses give it within limits: a weak measure of the h
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from scipy.optimize import least_squares
 
 from nlens_video.core.layers import CocMap, Float64
@@ -31,8 +31,7 @@ _FOCUS_ERROR = 0.01  # nearest that the horizon comes to the line in focus [fram
 _OUTLIER = 0.2  # share of plates whose map tells something else
 
 
-@dataclass(frozen=True, slots=True)
-class GroundBlur:
+class GroundBlur(Struct, frozen=True):
     """What the blur of the ground tells.
 
     Attributes:

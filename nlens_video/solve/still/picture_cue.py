@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Float32, Float64
 
@@ -47,8 +47,7 @@ _MIRRORED = np.array([
 ] + [SCALES * (BINS + 1) + colour for colour in range(3)])  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class PictureCue:
+class PictureCue(Struct, frozen=True):
     """What a picture looks like it was taken by.
 
     Attributes:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 
 from nlens_video.core.layers import Float64
 from nlens_video.solve.still.ground_blur import GroundBlur
@@ -20,8 +20,7 @@ _LEVEL, _LEVEL_SPREAD, _TILTED_SPREAD = 0.95, 1.2, 7.0  # share of level cameras
 _INFORMATION = math.radians(16.0) ** -2, math.radians(2.5) ** -2
 
 
-@dataclass(frozen=True, slots=True)
-class CameraPrior:
+class CameraPrior(Struct, frozen=True):
     """Prior of pitch, roll and focal length.
 
     Attributes:

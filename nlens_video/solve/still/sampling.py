@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from scipy.special import gammaln
 
 from nlens_video.core.layers import Float64
@@ -26,8 +26,7 @@ _HALVINGS = 12
 _WIDER = 1.3  # than the draws' own covariance [1]
 
 
-@dataclass(frozen=True, slots=True)
-class Draws:
+class Draws(Struct, frozen=True):
     """A density near a mode.
 
     Attributes:

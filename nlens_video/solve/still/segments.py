@@ -7,11 +7,11 @@ of a chequered floor, which change side at each tile, become lines across the fl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
 
 from nlens_video.core.layers import Bool, Float64
 from nlens_video.solve.still.joining import join_segments
@@ -28,8 +28,7 @@ _BORDER, _EVEN = 0.008, 6.0  # of the frame's width or height; deviation along i
 _ERROR_PX, _BLURRED = 0.35, 0.8  # of an end, and its growth with the scale; from known cameras
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
+class Segments(Struct, frozen=True, eq=False):
     """Line segments, longest first.
 
     Attributes:

@@ -10,10 +10,11 @@ much of the posterior it holds, which camera is nearest to all, and the standard
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from nlens_video.core.layers import Float64
@@ -45,8 +46,7 @@ _LOWEST = 12.0  # below the highest mode: others hold nothing
 _SCALE = np.array([math.radians(3.0), math.radians(1.0), 0.15])  # errors that count half
 
 
-@dataclass(frozen=True, slots=True)
-class Horizon:
+class Horizon(Struct, frozen=True):
     """Attitude and focal length, with standard errors.
 
     Attributes:
@@ -69,8 +69,7 @@ class Horizon:
         return pose
 
 
-@dataclass(frozen=True, slots=True)
-class _Directions:
+class _Directions(Struct, frozen=True):
     """Horizontal directions that a camera sees lines along; some pairs are at right angles.
 
     Attributes:
@@ -84,8 +83,7 @@ class _Directions:
     shares: Float64
 
 
-@dataclass(frozen=True, slots=True)
-class _Mode:
+class _Mode(Struct, frozen=True):
     """A mode of the posterior.
 
     Attributes:

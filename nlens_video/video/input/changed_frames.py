@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
 from fractions import Fraction
 
 import av
 import numpy as np
+from msgspec.structs import asdict, replace
 
 from nlens_video.core.color import (
     FULL_RANGE,
@@ -70,8 +70,8 @@ class Conform:
         codes = self._codes(made)
         if not _same_codes(codes, self._tags):
             made = recoded(made, codes, self._tags)
-        for tag in fields(self._frame_tags):
-            setattr(made, tag.name, getattr(self._frame_tags, tag.name))
+        for tag, code in asdict(self._frame_tags).items():
+            setattr(made, tag, code)
         if made is frame:
             return frame
         self._changed += 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import av
@@ -13,6 +12,7 @@ import av.video.stream
 from av.codec.context import Flags
 from av.stream import Disposition
 from av.video.codeccontext import VideoCodecContext
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.core.layers import MOST_PIXELS, too_large
@@ -40,8 +40,7 @@ STRICT = DECODER | {"err_detect": "explode"}
 """Options with which a decoder fails on damage that it would conceal without a word."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputHints:
+class InputHints(Struct, frozen=True, kw_only=True):
     """How to open an input, and what it does not say of itself.
 
     Attributes:

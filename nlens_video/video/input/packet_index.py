@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import accumulate
 from typing import TypeAlias
@@ -10,6 +9,7 @@ from typing import TypeAlias
 import av
 from av.container import InputContainer
 from av.video.stream import VideoStream
+from msgspec import Struct
 
 from nlens_video.core.errors import InputError
 from nlens_video.video.input.open import InputHints, open_container, video_stream
@@ -29,8 +29,7 @@ _IDR, _SLICES = 5, range(1, 6)
 """H.264 NAL unit types: IDR slice, slices of any kind."""
 
 
-@dataclass(frozen=True, slots=True)
-class PacketIndex:
+class PacketIndex(Struct, frozen=True):
     """Frame times and random access points of a file.
 
     Attributes:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import av
 import av.container
+from msgspec.structs import replace
 
 from nlens_video.core.errors import InputError, UsageError
 from nlens_video.kernels.thread_pool import processors

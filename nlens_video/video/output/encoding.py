@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 
 import av
 from av.video.codeccontext import VideoCodecContext
+from msgspec import Struct
 
 from nlens_video.core.errors import OutputError, UsageError
 from nlens_video.video.info import SourceInfo
@@ -72,8 +72,7 @@ Holds = Callable[[str, str], bool]
 """Whether a container holds pictures of an encoder in a pixel format."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Encoding:
+class Encoding(Struct, frozen=True, kw_only=True):
     """How pictures are encoded.
 
     Attributes:

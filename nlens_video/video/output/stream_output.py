@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
@@ -12,6 +11,7 @@ from urllib.parse import urlsplit
 
 import av
 import av.container
+from msgspec import Struct
 
 from nlens_video.core.errors import OutputError
 from nlens_video.video.named_files import ImageSequence
@@ -32,8 +32,7 @@ _FRAGMENTED = {"movflags": "frag_keyframe+delay_moov+default_base_moof"}
 """Fragmented MP4 and MOV: a pipe cannot be rewound to write the index."""
 
 
-@dataclass(frozen=True, slots=True)
-class Muxer:
+class Muxer(Struct, frozen=True):
     """A muxer.
 
     Attributes:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ import av
 import av.container
 from av.codec.context import Flags
 from av.video.stream import VideoStream
+from msgspec.structs import replace
 
 from nlens_video.core import signals
 from nlens_video.core.errors import OutputError, ReaderGone

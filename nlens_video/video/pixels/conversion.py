@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import av
 import numpy as np
 import numpy.typing as npt
 from av.video.reformatter import Interpolation
+from msgspec.structs import replace
 
 from nlens_video.core.color import FULL_RANGE, MATRICES, ColorTags
 from nlens_video.video.pixels.pixel_formats import (

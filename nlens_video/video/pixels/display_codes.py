@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import av
+from msgspec.structs import replace
 
 from nlens_video.core.color import ColorTags, transfer
 from nlens_video.core.layers import Picture

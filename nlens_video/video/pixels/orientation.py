@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import av
 import numpy as np
 import numpy.typing as npt
 from av.sidedata.sidedata import Type
+from msgspec import Struct
 
 from nlens_video.video.pixels.side_data import side_data
 
@@ -17,8 +17,7 @@ _TOLERANCE_DEG = 1.0
 """Angles this near to a multiple of 90 degrees are taken for it, as by the ffmpeg program."""
 
 
-@dataclass(frozen=True, slots=True)
-class Orientation:
+class Orientation(Struct, frozen=True):
     """The way from stored to displayed samples.
 
     Attributes:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import lru_cache
+
+from msgspec import Struct
 
 from nlens_video.core.color import Family
 from nlens_video.core.errors import InputError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PixelLayout:
+class PixelLayout(Struct, frozen=True, kw_only=True):
     """Layout of the samples of a working format.
 
     Attributes:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.kernels.thread_pool import Band, bands, parallel_for

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -10,6 +9,8 @@ import av
 import av.video.plane
 import numpy as np
 import numpy.typing as npt
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.color import (
     TRANSFERS,
@@ -32,8 +33,7 @@ STEPS_BITS = 7
 """Tables have 2**7 linear pieces per octave, from 2**-40 to 2**32, and one from 0 up to them."""
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
+class Axis(Struct, frozen=True):
     """Subsampling of the second and third component along one axis.
 
     Chroma sample k covers the pixels from `k * step - phase`, `step` of them, cut by the frame; its
@@ -52,8 +52,7 @@ class Axis:
     weights: tuple[float, ...] = (1.0,)
 
 
-@dataclass(frozen=True, slots=True)
-class Coding:
+class Coding(Struct, frozen=True):
     """Relation of codes and light.
 
     Attributes:
@@ -97,8 +96,7 @@ class Coding:
         return np.asarray(np.linalg.inv(self.rgb_from_codes[:, :3]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Samples:
+class Samples(Struct, frozen=True, eq=False):
     """The samples of one picture, upright.
 
     Attributes:
@@ -119,8 +117,7 @@ class Samples:
     associated: bool = False
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tables:
+class Tables(Struct, frozen=True, eq=False):
     """A coding in the form that the compiled kernels take.
 
     Attributes:

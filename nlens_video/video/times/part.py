@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from fractions import Fraction
 
 import av.container
+from msgspec.structs import replace
 
 from nlens_video.video.info import CopiedStream, SourceInfo
 

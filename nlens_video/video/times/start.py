@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from fractions import Fraction
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.video.info import CopiedStream, Packet, SourceFrame, SourceInfo
@@ -19,8 +21,7 @@ SEEN_S = Fraction(1, 25)
 """Sound that is off by less is in sync [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
+class Start(Struct, frozen=True):
     """The time of a plate that is a result's time 0.
 
     Attributes:
