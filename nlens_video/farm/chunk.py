@@ -19,7 +19,7 @@ from nlens_video.core.version import VERSION
 from nlens_video.farm.store import NAME_A_FOLDER, Folder, Store
 from nlens_video.graph.pipeline_file import pipelines_folder
 from nlens_video.networks.model_store import MANIFEST, models_folder
-from nlens_video.options.files import beside_scene
+from nlens_video.options.files import beside_scene, listed
 from nlens_video.render.select import renderer_name
 from nlens_video.run.foreground_pass import foreground_pass
 from nlens_video.run.render import OnProgress, RunResult, render
@@ -225,14 +225,23 @@ def _plain(value: object) -> object:
 
 
 def _hash_of_spec(spec: str | None) -> str:
-    """Hash of a file or of a sequence of files."""
+    """Hash of a file, of a playlist and the files that it names, or of a sequence of files."""
     if spec is None:
         return ""
     sequence = ImageSequence.of_input(spec)
     if sequence is None:
-        return _hash_of_file(Path(spec))
+        own, *others = map(_hash_of_file, _with_listed(Path(spec)))
+        return _digest("\n".join((own, *others))) if others else own
     files = (f"{number} {_hash_of_file(sequence.path(number))}" for number in sequence.span())
     return _digest("\n".join(files))
+
+
+def _with_listed(path: Path) -> list[Path]:
+    """A file and, where it is a playlist, the files that it names, those of playlists included."""
+    found = [path]
+    for one in found:  # it grows meanwhile
+        found += [file for file in sorted({*listed(one)}) if file not in found]
+    return found
 
 
 def _hash_with_beside(path: Path) -> str:

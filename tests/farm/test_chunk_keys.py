@@ -84,6 +84,23 @@ def test_copies_of_a_scene_in_parts_have_one_key(shot, tmp_path):
     assert key(shot, scene) == key(copy, scene)
 
 
+def test_changed_clip_of_a_playlist_makes_another_chunk(shot):
+    clip = (shot / "in.mp4").read_bytes()
+    (shot / "clips").mkdir()
+    (shot / "clips" / "a.mp4").write_bytes(clip)
+    (shot / "clips" / "all.ffconcat").write_text("ffconcat version 1.0\nfile a.mp4\nfile a.mp4\n")
+    (shot / "in.ffconcat").write_text("ffconcat version 1.0\nfile 'clips/all.ffconcat'\n")
+
+    def listed():
+        given = [str(shot / "in.ffconcat"), *arguments(shot)[1:]]
+        return mark_of(settings(parse(["render", *given]))).key
+
+    first = listed()
+    assert listed() == first
+    (shot / "clips" / "a.mp4").write_bytes(clip + b"changed")
+    assert listed() != first
+
+
 def test_changed_layer_of_a_usd_camera_changes_the_key(shot):
     solved = camera_of_json(shots.camera_json(shot / "camera.json").read_text())
     camera, layer = shot / "camera.usda", shot / "layer.usda"
