@@ -10,7 +10,7 @@ from nlens_video.cli.console import Console
 from nlens_video.cli.output_files import check_outputs
 from nlens_video.core.errors import NlensError, OutputError, UsageError
 from nlens_video.core.settings import Settings
-from nlens_video.farm.chunk import check_plate, render_chunk
+from nlens_video.farm.chunk import check_chunk, check_plate, render_chunk
 from nlens_video.farm.job import PIECE_S, absolute, check_chunkable, run_job
 from nlens_video.farm.merge import Merged, merge
 from nlens_video.farm.store import Folder, FolderInUse, store_of
@@ -32,16 +32,20 @@ def run_merge(args: Namespace, console: Console) -> int:
     return 0
 
 
-def check_whole(settings: Settings) -> None:
-    """Check what `farm` and `--resume` render, all of a shot, before anything is made.
+def check_in_chunks(args: Namespace, settings: Settings) -> None:
+    """Check what is rendered in chunks before anything is made.
 
     Raises:
-        UsageError: an option is given that needs a single run, or the plate is a stream.
+        UsageError: an option is given that needs a single run, the plate is a stream, or a chunk
+            alone has no lens or another encoding.
         NlensError: as `preflight.check_settings`.
     """
     check_plate(settings.source.spec)
-    check_chunkable(settings)
-    check_settings(settings)
+    if args.command == "render" and args.as_chunk:
+        check_chunk(settings)
+    else:
+        check_chunkable(settings)
+    check_settings(settings, as_chunks=args.command == "render" and args.as_chunk)
 
 
 def run_in_chunks(args: Namespace, settings: Settings, console: Console) -> int:

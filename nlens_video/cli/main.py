@@ -178,10 +178,10 @@ def _composite(args: Namespace, console: Console) -> int:
     again = args.command != "farm" and is_file
     if settings.scale.given and not again:
         raise UsageError("--marker and --person-height need a file to solve, not a stream")
-    if args.command == "farm" or getattr(args, "resume", False):
-        from nlens_video.cli.farm_commands import check_whole
+    if args.command == "farm" or (args.command == "render" and (args.resume or args.as_chunk)):
+        from nlens_video.cli.farm_commands import check_in_chunks
 
-        check_whole(settings)
+        check_in_chunks(args, settings)
     try:
         if not (settings.needs_camera and again):
             return _with_camera(args, settings, console)

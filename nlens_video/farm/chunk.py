@@ -55,18 +55,10 @@ def render_chunk(settings: Settings, folder: Path, on_progress: OnProgress) -> C
         on_progress: as of `run.render`.
 
     Raises:
-        UsageError: no lens was given, or the plate is a stream.
+        UsageError: as of `check_chunk`, or the plate is a stream.
         NlensError: as `run.render`.
     """
-    if settings.fit is None:
-        raise UsageError(
-            "--chunk-out: chunks share one lens; find it with nlens-video fit and give --fit"
-        )
-    output = settings.output
-    if output is not None and (output.codec, output.crf, output.pix_fmt) != (None, None, None):
-        raise UsageError(
-            "--chunk-out: chunks are lossless and as the plate; give the encoding to merge"
-        )
+    check_chunk(settings)
     mark = mark_of(settings)
     path = folder / mark.file_name
     store = Folder(folder)
@@ -79,6 +71,24 @@ def render_chunk(settings: Settings, folder: Path, on_progress: OnProgress) -> C
     known = with_stored_look(settings, store, mark.key)
     result = write_chunks(known, feed, folder, on_progress)
     return Chunk(path=path, result=replace(result, output=str(path)))
+
+
+def check_chunk(settings: Settings) -> None:
+    """Check that a run can be rendered as a chunk by itself, before anything is made.
+
+    Raises:
+        UsageError: no lens is given, or an encoding, or the pictures depend on the machine.
+    """
+    check_repeatable(settings)
+    if settings.fit is None:
+        raise UsageError(
+            "--chunk-out: chunks share one lens; find it with nlens-video fit and give --fit"
+        )
+    output = settings.output
+    if output is not None and (output.codec, output.crf, output.pix_fmt) != (None, None, None):
+        raise UsageError(
+            "--chunk-out: chunks are lossless and as the plate; give the encoding to merge"
+        )
 
 
 def check_plate(spec: str) -> None:

@@ -299,6 +299,21 @@ def test_plan_of_chunks_refuses_what_the_run_refuses(shot, tmp_path, monkeypatch
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("more", "named"),
+    [([], "--fit"), (["--fit", "fit.json", "--crf", "20"], "the encoding"),
+     (["--fit", "fit.json", "--hold-budget"], "--hold-budget")],
+)  # fmt: skip
+def test_plan_of_one_chunk_refuses_what_the_run_refuses(shot, tmp_path, more, named):
+    given = [shot / word if word == "fit.json" else word for word in more]
+    plate, scene = shot / "in.mp4", shot / "anim.glb"
+    words = ["render", plate, scene, tmp_path / "chunks", "--chunk-out", *given]
+    lines = [one_line(nlens(*words, *plan), 2) for plan in ([], ["--plan"])]
+    assert lines[0] == lines[1]
+    assert named in lines[0]
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_cannot_be_chunks_is_refused_before_its_camera_is_solved(shot, tmp_path, monkeypatch):
     bare = shots.cube_glb(tmp_path / "bare.glb", camera=False)
     monkeypatch.setattr(solve_command, "solve_plate", lambda *given: pytest.fail("it is solved"))
