@@ -248,7 +248,7 @@ class GraphExecutor:
             with suppress(LensFitError):  # no usable fit on this frame: the lens stays
                 if (fit := self.find_lens(again)) is not None:
                     live.found(fit)
-        if (moved := live.step()) is not None:
+        if (moved := live.step(index)) is not None:
             state.values.fit = self.fit = moved
 
     def _run_once(self, state: FrameState, node: Node) -> None:
@@ -265,7 +265,7 @@ class GraphExecutor:
             if self._zoom is not None:
                 self._zoom.fitted_s = state.frame.time_s
             if self._live is not None:
-                self._live.found(found.fit)
+                self._live.begin(found.fit, state.frame.index, state.frame.picture)
 
     def workers(
         self,

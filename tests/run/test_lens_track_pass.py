@@ -252,9 +252,9 @@ def test_fit_that_differs_by_less_than_its_error_does_not_move_the_live_lens():
     live = LiveLens(1 / 25)
     live.found(fit(-10.0, error=2.0))
     live.found(fit(-12.0, error=2.0))
-    assert live.fits == 1 and live.step().intercept == -10.0
+    assert live.fits == 1 and live.step(1).intercept == -10.0
     live.found(fit(-18.0, error=2.0))
-    assert live.fits == 2 and live.step().intercept < -10.0
+    assert live.fits == 2 and live.step(2).intercept < -10.0
 
 
 def test_change_beyond_the_readings_errors_is_told_however_open_both_lenses_are():
@@ -397,33 +397,32 @@ def test_live_lens_keeps_up_with_a_pull_between_its_fits():
     for index in range(40):
         if index % 5 == 0 and (not index or live.calls_for_fit(0.2, index)):
             live.found(fit(-10.0 + rate * index))
-        values.append(live.step().intercept)
+        values.append(live.step(index).intercept)
     lag = [(-10.0 + rate * index - value) / rate for index, value in enumerate(values)]
     assert max(np.abs(lag[15:])) <= 0.06 * 25
-    for _ in range(25):
-        live.step()
-    assert live.step().intercept == pytest.approx(-10.0 + rate * 35, abs=0.05)
+    assert live.step(65).intercept == pytest.approx(-10.0 + rate * 35, abs=0.05)
 
 
 def test_live_focus_tracking_is_gradual_except_at_cuts():
     live = LiveLens(1 / 25)
-    assert live.step() is None
-    live.found(fit(-10.0))
+    assert live.step(0) is None
     rgb = shots.plate()
-    assert not any(live.needs_refit(index, shot(rgb, seed=index)) for index in range(9))
+    live.begin(fit(-10.0), 0, shot(rgb, seed=0))
+    assert not any(live.needs_refit(index, shot(rgb, seed=index)) for index in range(1, 9))
     pulled = shots.plate(intercept=1.5 * shots.INTERCEPT)
     assert live.needs_refit(9, shot(pulled, seed=9))
+    live.step(8)
     live.found(fit(-18.0))
-    values = []
+    values = [live.step(9).intercept]
     for index in range(10, 35):
         assert not live.needs_refit(index, shot(pulled, seed=index))
-        values.append(live.step().intercept)
-    assert np.abs(np.diff(values, prepend=-10.0)).max() < 4.0
+        values.append(live.step(index).intercept)
+    assert np.abs(np.diff(values, prepend=-10.0)).max() < 0.55 * 8.0  # two thirds in 0.12 s
     assert min(values) > -21.0
     assert values[-1] == pytest.approx(-18.0, abs=0.1)
     assert live.needs_refit(36, shot(np.uint8(0.3 * shots.plate(3))))
     live.found(fit(-5.0))
-    assert live.step().intercept == -5.0
+    assert live.step(36).intercept == -5.0
 
 
 @pytest.mark.slow

@@ -37,7 +37,7 @@ def followed(true, rate):
             if live.calls_for_fit(change, index):
                 reference, fits = now, fits + 1
                 live.found(fit(now, index))
-        values.append(live.step().intercept)
+        values.append(live.step(index).intercept)
     return np.array(values), fits
 
 
@@ -64,6 +64,42 @@ def test_lens_of_a_stream_lags_by_less_than_0_15_s(way, rate, lasts_s):
         assert fits <= 10.0 * lasts_s + 2.0
         assert values[-1] == pytest.approx(true[-1], abs=SEEN * 20.0)
     assert np.mean(lags) < 0.15
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_lens_of_a_stream_does_not_go_back_in_a_slow_pull(way):
+    """Between two fits the focus moves by no more than their errors explain."""
+    time_s = np.arange(14 * 24) / 24
+    true = -10.0 - 8.0 * WAYS[way](np.clip((time_s - REST_S) / 10.0, 0.0, 1.0))
+    values, _ = followed(true, 24)
+    assert np.diff(values).clip(0.0).sum() < 0.8
+    assert values.min() > true.min() - 0.5
+    assert values[-1] == pytest.approx(true[-1], abs=0.6)
+
+
+def test_frames_that_are_left_out_count_as_time():
+    lenses = [LiveLens(1 / 25) for _ in range(2)]
+    for live in lenses:
+        live.found(fit(-10.0, 0))
+        assert live.calls_for_fit(2.0 * CHANGED, 12)
+        live.found(fit(-14.0, 12))
+    every, one = ([live.step(index).intercept for index in steps]
+                  for live, steps in zip(lenses, (range(1, 9), [8]), strict=True))  # fmt: skip
+    assert -14.0 < every[0] < -10.0
+    assert one[-1] == every[-1]
+
+
+@pytest.mark.needs_gl
+@pytest.mark.parametrize("numbers", [range(50, 70), range(1, 90, 3), range(2, 90, 3)])
+def test_focus_is_followed_over_frames_that_are_left_out(tmp_path, numbers):
+    glb = shots.write_shot(tmp_path, 1) / "anim.glb"
+    disparity = 1.0 / 1.6  # of the cube
+    with Compositor(glb, preset="draft", fps=25) as lens:
+        lens.process(shots.plate(), number=0)
+        for number in numbers:
+            lens.process(shots.plate(intercept=1.6 * shots.INTERCEPT), number=number)
+        found = lens.fit.slope * disparity + lens.fit.intercept
+    assert found == pytest.approx(shots.SLOPE * disparity + 1.6 * shots.INTERCEPT, abs=0.8)
 
 
 @pytest.mark.needs_gl

@@ -29,12 +29,14 @@ from nlens_video.stages.r_lens_change import (
 EVERY = 3
 """Frames from one change detection to the next."""
 _SPACING_S = 0.1  # least time between two fits [s]
-_SMOOTHING_S = 0.14  # time constant of the smoothing [s]
+_SMOOTHING_S = 0.12  # time constant of the smoothing [s]
 _AHEAD_S = 0.1  # by which it aims ahead while the lens moves, most of what the smoothing lags [s]
 _GOES_ON_S = 0.2  # without a new fit after which a change may be over [s]
 _LONGER = 1.25  # the same, by the time between the last two fits [1]
 _SHOWS = 1.5  # change that would show by now if the lens moved on, by `AT_REST` [1]
 _SETTLES = 4  # times `SETTLED_S` for which the end of a change is looked for [1]
+_STANDS = 0.25  # progress of the blur, by that of the lens so far, below which it stands [1]
+_MOST_STEPS = 1000  # frames after which a lens has arrived, however many were left out [1]
 
 
 class _Moving(Struct, frozen=True):
@@ -72,8 +74,9 @@ class LiveLens:
     """Exponential smoothing of the fits on a live stream; jumps at cuts only.
 
     Between two fits of a lens that changes the change of the last two goes on, for as long as it
-    took, and a little ahead, so that the lens lags behind neither by that time nor by its
-    smoothing. For a while after a change smaller ones call for a fit, so that its end is followed.
+    took and as far as the blur shows it, and a little ahead, so that the lens lags behind neither
+    by that time nor by its smoothing. For a while after a change smaller ones call for a fit, so
+    that its end is followed. Frames that are left out, as those that come too late, count as time.
 
     Args:
         frame_s: from one frame to the next, > 0 [s].
@@ -90,6 +93,7 @@ class LiveLens:
         self._ahead = _AHEAD_S / frame_s
         self._reference: Signature | None = None
         self._before: Signature | None = None
+        self._looked = self._stepped = 0  # indices of the last frames that were
         self._cut = False
         self._still = True
         self._target: LensFit | None = None
@@ -100,20 +104,29 @@ class LiveLens:
         self._settled = max(2, round(SETTLED_S / frame_s))
         self._fitted = 0  # index of the frame that called for the last fit
         self._moved = -math.inf  # and of the last one whose change was more than `CHANGED`
+        self._follows = False  # whether the last fit has moved the lens, and lately
+        self._left_out = 0.0  # change of the blur up to fits that did not, since the last that did
+        self._shown = 0.0  # frames of the last change that the blur has gone on since, as it shows
+        self._stands = False  # whether it no longer does
         self.fits = 0
+
+    def begin(self, fit: LensFit, index: int, picture: Picture) -> None:
+        """Start with the lens that was found on a frame; `picture` is its plate, unchanged."""
+        self._reference = self._before = signature(picture)
+        self._fitted = self._looked = self._stepped = index
+        self.found(fit)
 
     def needs_refit(self, index: int, picture: Picture) -> bool:
         """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
-        if self._reference is not None and index % EVERY:
+        if index - self._looked < EVERY:
             return False
+        assert self._reference is not None and self._before is not None, "it has not begun"
         seen = signature(picture)
         before, self._before = self._before, seen
-        if self._reference is None or before is None:
-            self._reference, self._fitted = seen, index
-            return False
         self._cut = self._cut or is_cut(before, seen)
         if self._cut:
-            self._fitted, self._moving = index, _Moving()
+            self._fitted = self._looked = index
+            self._moving = _Moving()
         elif not self.calls_for_fit(changed(self._reference, seen), index):
             return False
         self._still = stands_still(self._reference, seen)
@@ -127,14 +140,22 @@ class LiveLens:
             change: of the blur since the frame of the last fit, as `changed`.
             index: of the frame.
         """
-        since = index - self._fitted
+        since, looked = index - self._fitted, index - self._looked
+        self._looked = index
+        if since > _SETTLES * self._settled:
+            self._follows = False
         if since < self.spacing:
             return False
         comes_to_rest = since >= self._settled and index - self._moved <= _SETTLES * self._settled
         if change > (SETTLED_CHANGE if comes_to_rest else CHANGED):
             self._moving, self._fitted = self._moving.fitted(change, since), index
             self._moved = self._moved if comes_to_rest else index
+            self._shown, self._stands = 0.0, False
             return True
+        if self._moving.frames:
+            shown = change * self._moving.frames / max(self._moving.change, 1e-6)
+            self._stands = since > self.spacing and shown - self._shown < _STANDS * looked
+            self._shown = shown
         if change < AT_REST and self._moving.expected(since) >= _SHOWS * AT_REST:
             self._rate = (0.0, 0.0)
             self._moving = _Moving(rested=since, change_at_rest=change)
@@ -143,37 +164,57 @@ class LiveLens:
     def found(self, fit: LensFit) -> None:
         """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
 
-        Within a shot, a fit that does not differ from the last by more than its error is left out.
+        Within a shot, a fit that does not differ from the last by more than its error is left out,
+        unless the lens is known to move.
         """
-        if self._target is not None and not self._cut:
-            if not differs(self._target, fit, still=self._still):
-                return
+        within = self._target is not None and not self._cut
+        if within and not self._follows and not self._differs(fit):
+            self._left_out += self._moving.of
+            self._moving = _Moving()
+            return
         self._rate = self._change_to(fit)
         self._target, self._age = fit, 0
+        self._follows, self._left_out = within, 0.0
         self.fits += 1
         if self._now is None or self._cut:
             self._now = fit
         self._cut = False
 
-    def step(self) -> LensFit | None:
-        """The lens of the next frame; None before the first fit."""
+    def step(self, index: int) -> LensFit | None:
+        """The lens of a frame; None before the first fit."""
+        for _ in range(min(index - self._stepped, _MOST_STEPS)):
+            self._advance()
+        self._stepped = index
+        return self._now
+
+    def _advance(self) -> None:
         now, target = self._now, self._target
         if now is None or target is None or now is target:
-            return now
-        frames = self._moving.frames
-        rests = self._age > max(self._goes_on, _LONGER * frames)  # no new fit for long
-        goes_on = 0.0 if rests else min(self._age + self._ahead, frames)
+            return
+        goes_on = self._frames_further()
         self._age += 1
         slope = target.slope + goes_on * self._rate[0]
         intercept = target.intercept + goes_on * self._rate[1]
         slope = now.slope + self._share * (max(slope, 0.0) - now.slope)
         intercept = now.intercept + self._share * (intercept - now.intercept)
         self._now = replace(target, slope=slope, intercept=intercept)
-        return self._now
+
+    def _frames_further(self) -> float:
+        """For how many frames the last change has gone on since the fit."""
+        frames = self._moving.frames
+        if self._age > max(self._goes_on, _LONGER * frames):  # no new fit for long: it rests
+            return min(self._shown, frames)
+        # what the last look did not show yet: the frames until the next, and those it aims ahead
+        unseen = 0.0 if self._stands else EVERY + self._ahead
+        return min(self._age + self._ahead, frames, self._shown + unseen)
+
+    def _differs(self, fit: LensFit) -> bool:
+        return self._target is None or differs(self._target, fit, still=self._still)
 
     def _change_to(self, fit: LensFit) -> tuple[float, float]:
         """Change of slope and intercept in a frame, as between this fit and the last."""
-        before, share = self._target, self._moving.share_in_a_frame
+        before, moving = self._target, self._moving
+        share = moving.share_in_a_frame * moving.of / (moving.of + self._left_out)
         if before is None or self._cut:
             return 0.0, 0.0
         return share * (fit.slope - before.slope), share * (fit.intercept - before.intercept)
