@@ -77,6 +77,30 @@ def test_lens_of_a_stream_does_not_go_back_in_a_slow_pull(way):
     assert values[-1] == pytest.approx(true[-1], abs=0.6)
 
 
+@pytest.mark.parametrize(("noise", "calls"), [(0.01, True), (0.6, False)])
+def test_small_change_calls_for_a_fit_where_the_blur_at_rest_shows_no_noise(noise, calls):
+    live = LiveLens(1 / 25)
+    live.found(fit(-10.0, 0))
+    rest = range(EVERY, 40 * EVERY, EVERY)
+    asked = [live.calls_for_fit(noise * CHANGED * (index % 2), index) for index in rest]
+    assert not any(asked)
+    assert live.calls_for_fit(0.7 * CHANGED, 40 * EVERY) == calls
+    assert live.calls_for_fit(1.5 * CHANGED, 44 * EVERY)
+
+
+def test_change_goes_on_counting_where_a_fit_lies_within_its_error():
+    live = LiveLens(1 / 25)
+    live.found(fit(-10.0, 0))
+    assert live.calls_for_fit(1.1 * CHANGED, 12)
+    live.found(fit(-10.2, 12))
+    assert live.fits == 1
+    assert not live.calls_for_fit(1.2 * CHANGED, 15)
+    assert live.calls_for_fit(2.0 * CHANGED, 24)
+    live.found(fit(-14.0, 24))
+    after = [live.step(index).intercept for index in range(24, 48)]
+    assert live.fits == 2 and min(after) > -15.2  # 4 px in 24 frames, not in 12
+
+
 def test_frames_that_are_left_out_count_as_time():
     lenses = [LiveLens(1 / 25) for _ in range(2)]
     for live in lenses:

@@ -7,6 +7,7 @@ the newest fit by a fixed share per frame.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -36,6 +37,9 @@ _LONGER = 1.25  # the same, by the time between the last two fits [1]
 _SHOWS = 1.5  # change that would show by now if the lens moved on, by `AT_REST` [1]
 _SETTLES = 4  # times `SETTLED_S` for which the end of a change is looked for [1]
 _STANDS = 0.25  # progress of the blur, by that of the lens so far, below which it stands [1]
+_NOISE = 2.0  # times the largest change at rest that calls for a fit, where it is known [1]
+_FEWEST, _MOST = 4, 10  # looks that tell it [1]
+_LATEST = 2  # looks that do not, since a change may have begun [1]
 _MOST_STEPS = 1000  # frames after which a lens has arrived, however many were left out [1]
 
 
@@ -70,13 +74,30 @@ class _Moving(Struct, frozen=True):
         return self.change / self.of / self.frames if self.frames else 0.0
 
 
+class _Call(Struct, frozen=True, eq=False):
+    """A look that called for a fit.
+
+    Attributes:
+        index: of the frame.
+        change: of its blur since the last fit that moved the lens.
+        ends: whether the end of a change was looked for.
+        seen: its blur.
+    """
+
+    index: int = 0
+    change: float = 0.0
+    ends: bool = False
+    seen: Signature | None = None
+
+
 class LiveLens:
     """Exponential smoothing of the fits on a live stream; jumps at cuts only.
 
     Between two fits of a lens that changes the change of the last two goes on, for as long as it
     took and as far as the blur shows it, and a little ahead, so that the lens lags behind neither
     by that time nor by its smoothing. For a while after a change smaller ones call for a fit, so
-    that its end is followed. Frames that are left out, as those that come too late, count as time.
+    that its end is followed, and so they do where the blur at rest shows little noise. Frames
+    that are left out, as those that come too late, count as time.
 
     Args:
         frame_s: from one frame to the next, > 0 [s].
@@ -102,18 +123,21 @@ class LiveLens:
         self._rate = (0.0, 0.0)  # change of slope and intercept in a frame
         self._moving = _Moving()
         self._settled = max(2, round(SETTLED_S / frame_s))
-        self._fitted = 0  # index of the frame that called for the last fit
-        self._moved = -math.inf  # and of the last one whose change was more than `CHANGED`
-        self._follows = False  # whether the last fit has moved the lens, and lately
-        self._left_out = 0.0  # change of the blur up to fits that did not, since the last that did
+        self._call = _Call()  # the last one
+        self._asked = 0.0  # its change, where its fit did not move the lens
+        self._at_rest: deque[float] = deque(maxlen=_MOST + _LATEST)  # changes that called for none
+        self._fitted = 0  # index of the frame whose fit has moved the lens last
+        self._moved = -math.inf  # and of the last one that was no end of a change
+        self._follows = False  # whether that was lately
         self._shown = 0.0  # frames of the last change that the blur has gone on since, as it shows
         self._stands = False  # whether it no longer does
         self.fits = 0
 
     def begin(self, fit: LensFit, index: int, picture: Picture) -> None:
         """Start with the lens that was found on a frame; `picture` is its plate, unchanged."""
-        self._reference = self._before = signature(picture)
-        self._fitted = self._looked = self._stepped = index
+        self._before = signature(picture)
+        self._looked = self._stepped = index
+        self._call = _Call(index, seen=self._before)
         self.found(fit)
 
     def needs_refit(self, index: int, picture: Picture) -> bool:
@@ -125,33 +149,35 @@ class LiveLens:
         before, self._before = self._before, seen
         self._cut = self._cut or is_cut(before, seen)
         if self._cut:
-            self._fitted = self._looked = index
-            self._moving = _Moving()
+            self._call, self._looked = _Call(index), index
         elif not self.calls_for_fit(changed(self._reference, seen), index):
+            if self._asked and index - self._call.index > _SETTLES * self._settled:
+                self._moving = _Moving()  # the fit told that the lens rests
+                self._rest_on(index, seen)
             return False
         self._still = stands_still(self._reference, seen)
-        self._reference = seen
+        self._call = replace(self._call, seen=seen)
         return True
 
     def calls_for_fit(self, change: float, index: int) -> bool:
         """Whether the lens is fitted again on a frame; if not, whether it rests is noted.
 
         Args:
-            change: of the blur since the frame of the last fit, as `changed`.
+            change: of the blur since the last fit that moved the lens, as `changed`.
             index: of the frame.
         """
         since, looked = index - self._fitted, index - self._looked
         self._looked = index
         if since > _SETTLES * self._settled:
             self._follows = False
-        if since < self.spacing:
+        if min(since, index - self._call.index) < self.spacing:
             return False
         comes_to_rest = since >= self._settled and index - self._moved <= _SETTLES * self._settled
-        if change > (SETTLED_CHANGE if comes_to_rest else CHANGED):
-            self._moving, self._fitted = self._moving.fitted(change, since), index
-            self._moved = self._moved if comes_to_rest else index
-            self._shown, self._stands = 0.0, False
+        least = SETTLED_CHANGE if comes_to_rest else self._least()
+        if change > max(least, self._asked + SETTLED_CHANGE if self._asked else 0.0):
+            self._call, self._asked = _Call(index, change, comes_to_rest), change
             return True
+        self._at_rest.append(change)
         if self._moving.frames:
             shown = change * self._moving.frames / max(self._moving.change, 1e-6)
             self._stands = since > self.spacing and shown - self._shown < _STANDS * looked
@@ -165,16 +191,19 @@ class LiveLens:
         """Smooth towards this fit from now on; jump to it if it is the first or after a cut.
 
         Within a shot, a fit that does not differ from the last by more than its error is left out,
-        unless the lens is known to move.
+        unless the lens is known to move; the change since the last that was not goes on counting.
         """
-        within = self._target is not None and not self._cut
+        within, call = self._target is not None and not self._cut, self._call
         if within and not self._follows and not self._differs(fit):
-            self._left_out += self._moving.of
-            self._moving = _Moving()
             return
+        if within:
+            self._moving = self._moving.fitted(call.change, call.index - self._fitted)
+            self._moved = self._moved if call.ends else call.index
+        else:
+            self._moving = _Moving()
         self._rate = self._change_to(fit)
-        self._target, self._age = fit, 0
-        self._follows, self._left_out = within, 0.0
+        self._target, self._age, self._follows = fit, 0, within
+        self._rest_on(call.index, call.seen)
         self.fits += 1
         if self._now is None or self._cut:
             self._now = fit
@@ -208,13 +237,25 @@ class LiveLens:
         unseen = 0.0 if self._stands else EVERY + self._ahead
         return min(self._age + self._ahead, frames, self._shown + unseen)
 
+    def _least(self) -> float:
+        """Change that calls for a fit: smaller than `CHANGED` where there is little noise."""
+        known = list(self._at_rest)[:-_LATEST]
+        if len(known) < _FEWEST:
+            return CHANGED
+        return min(max(_NOISE * max(known), SETTLED_CHANGE), CHANGED)
+
+    def _rest_on(self, index: int, seen: Signature | None) -> None:
+        """Measure changes of the blur from a frame on."""
+        self._fitted, self._reference = index, seen
+        self._asked, self._shown, self._stands = 0.0, 0.0, False
+        self._at_rest.clear()
+
     def _differs(self, fit: LensFit) -> bool:
         return self._target is None or differs(self._target, fit, still=self._still)
 
     def _change_to(self, fit: LensFit) -> tuple[float, float]:
         """Change of slope and intercept in a frame, as between this fit and the last."""
-        before, moving = self._target, self._moving
-        share = moving.share_in_a_frame * moving.of / (moving.of + self._left_out)
+        before, share = self._target, self._moving.share_in_a_frame
         if before is None or self._cut:
             return 0.0, 0.0
         return share * (fit.slope - before.slope), share * (fit.intercept - before.intercept)
