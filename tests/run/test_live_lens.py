@@ -114,12 +114,15 @@ def test_frames_that_are_left_out_count_as_time():
 
 
 @pytest.mark.needs_gl
-@pytest.mark.parametrize("numbers", [range(50, 70), range(1, 90, 3), range(2, 90, 3)])
-def test_focus_is_followed_over_frames_that_are_left_out(tmp_path, numbers):
+@pytest.mark.parametrize(
+    ("first", "numbers"),
+    [(0, range(50, 70)), (0, range(1, 90, 3)), (0, range(2, 90, 3)), (300, range(7, 40))],
+)
+def test_focus_is_followed_over_frames_that_are_left_out_and_back(tmp_path, first, numbers):
     glb = shots.write_shot(tmp_path, 1) / "anim.glb"
     disparity = 1.0 / 1.6  # of the cube
     with Compositor(glb, preset="draft", fps=25) as lens:
-        lens.process(shots.plate(), number=0)
+        lens.process(shots.plate(), number=first)
         for number in numbers:
             lens.process(shots.plate(intercept=1.6 * shots.INTERCEPT), number=number)
         found = lens.fit.slope * disparity + lens.fit.intercept

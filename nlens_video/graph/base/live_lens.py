@@ -142,6 +142,9 @@ class LiveLens:
 
     def needs_refit(self, index: int, picture: Picture) -> bool:
         """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
+        if index < self._looked:  # a host went back in the shot: frames count on from here
+            self._looked = self._stepped = self._fitted = index
+            self._call = replace(self._call, index=index)
         if index - self._looked < EVERY:
             return False
         assert self._reference is not None and self._before is not None, "it has not begun"
