@@ -12,7 +12,7 @@ _BASE = "msgspec.Struct"
 class StructSignatures(griffe.Extension):
     """Gives each `msgspec.Struct` the constructor that its fields make."""
 
-    def on_class_members(self, *, cls: griffe.Class, **kwargs: Any) -> None:  # noqa: ANN401
+    def on_class_members(self, *, cls: griffe.Class, **kwargs: Any) -> None:  # noqa: ANN401 - as griffe calls it
         """Add `__init__` to a struct; called by griffe once it has read the class."""
         if not any(
             isinstance(one, griffe.Expr) and one.canonical_path == _BASE for one in cls.bases

@@ -40,12 +40,13 @@ def check_in_chunks(args: Namespace, settings: Settings) -> None:
             alone has no lens or another encoding.
         NlensError: as `preflight.check_settings`.
     """
+    alone = args.command == "render" and args.as_chunk
     check_plate(settings.source.spec)
-    if args.command == "render" and args.as_chunk:
+    if alone:
         check_chunk(settings)
     else:
         check_chunkable(settings)
-    check_settings(settings, as_chunks=args.command == "render" and args.as_chunk)
+    check_settings(settings, as_chunks=alone)
 
 
 def run_in_chunks(args: Namespace, settings: Settings, console: Console) -> int:

@@ -248,9 +248,11 @@ def _hash_of_spec(spec: str | None) -> str:
 
 def _with_listed(path: Path) -> list[Path]:
     """A file and, where it is a playlist, the files that it names, those of playlists included."""
-    found = [path]
+    found, known = [path], {path}
     for one in found:  # it grows meanwhile
-        found += [file for file in sorted({*listed(one)}) if file not in found]
+        new = {*listed(one)} - known
+        found += sorted(new)
+        known |= new
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace  # noqa: TID251 - its classes are no structs
+from dataclasses import dataclass, field, replace  # noqa: TID251 - scenes are dataclasses
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path

@@ -108,9 +108,11 @@ def placed(
         shadow = replace(shadow, pose=scene.pose, light=replace(shadow.light, sun=given))
     if base.context.renderer is not None:
         base.context.renderer.rearrange(scene, None if shadow is None else shadow.light)
+    objects = base.context.objects
+    objects = dataclasses.replace(objects, scene=scene, view=view)  # noqa: TID251 - derives from ABC
     context = replace(
         base.context,
-        objects=dataclasses.replace(base.context.objects, scene=scene, view=view),  # noqa: TID251 - no struct
+        objects=objects,
         shadow_scene=shadow,
         ground_y=staged.objects.ground_y,
         unit_m=view.unit_m,

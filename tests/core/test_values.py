@@ -5,7 +5,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from nlens_video.core.errors import NlensError
+from nlens_video.core.errors import LensFitError, NlensError
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.core.objects import PlaceKey, PlaceKeys, Playback
 
@@ -13,7 +13,7 @@ from nlens_video.core.objects import PlaceKey, PlaceKeys, Playback
 def test_value_that_is_replaced_is_checked():
     with pytest.raises(NlensError):
         replace(Playback(), speed=-1.0)
-    with pytest.raises((NlensError, ValueError)):
+    with pytest.raises(LensFitError):
         replace(LensFit(slope=1.0, intercept=0.0, width=8, height=8), slope=math.nan)
 
 

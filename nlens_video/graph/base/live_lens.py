@@ -64,6 +64,10 @@ class _Moving(Struct, frozen=True):
         """Change of the blur some frames after the last fit, if it goes on; inf at rest."""
         return self.change / self.frames * since if self.frames else math.inf
 
+    def frames_of(self, change: float) -> float:
+        """Frames after the last fit that show a change of the blur since, if it goes on [1]."""
+        return change * self.frames / max(self.change, 1e-6) if self.frames else 0.0
+
     def fitted(self, change: float, since: int) -> _Moving:
         """Of another fit, on a frame whose blur differs from that of the last."""
         return _Moving(change - self.change_at_rest, since - self.rested, change)
@@ -144,7 +148,7 @@ class LiveLens:
         """Whether the lens must be fitted again on a frame; `picture` is its plate, unchanged."""
         if index < self._looked:  # a host went back in the shot: frames count on from here
             self._looked = self._stepped = self._fitted = index
-            self._call = replace(self._call, index=index)
+            self._call, self._moved = replace(self._call, index=index), -math.inf
         if index - self._looked < EVERY:
             return False
         assert self._reference is not None and self._before is not None, "it has not begun"
@@ -181,10 +185,9 @@ class LiveLens:
             self._call, self._asked = _Call(index, change, comes_to_rest), change
             return True
         self._at_rest.append(change)
-        if self._moving.frames:
-            shown = change * self._moving.frames / max(self._moving.change, 1e-6)
-            self._stands = since > self.spacing and shown - self._shown < _STANDS * looked
-            self._shown = shown
+        shown = self._moving.frames_of(change)
+        self._stands = since > self.spacing and shown - self._shown < _STANDS * looked
+        self._shown = shown
         if change < AT_REST and self._moving.expected(since) >= _SHOWS * AT_REST:
             self._rate = (0.0, 0.0)
             self._moving = _Moving(rested=since, change_at_rest=change)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace  # noqa: TID251 - a scene is no struct
+from dataclasses import replace  # noqa: TID251 - a scene is a dataclass
 
 from nlens_video.core.errors import Note, NoteKind
 from nlens_video.graph.base.view import View, bounds_near_frame
