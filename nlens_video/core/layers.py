@@ -130,12 +130,15 @@ class CocMap(Struct, frozen=True, kw_only=True):
         sigma_px: expected absolute error of it (H, W), > 0 [px of the frame].
         frames: pictures of the plate that were averaged for it [1].
         prior: training prior towards which uncertain estimates shrink, None without one.
+        luma: of the picture that was read, at the size at which it was (h, w), display-coded, None
+            where it is not at hand [code value, 0 to 1].
     """
 
     coc_px: Float32
     sigma_px: Float32
     frames: int = 1
     prior: CocPrior | None = None
+    luma: Float32 | None = None
 
     def __post_init__(self) -> None:
         if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:

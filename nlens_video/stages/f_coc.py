@@ -135,7 +135,8 @@ def _read(network: CocNetwork, working: Float32, size: tuple[int, int]) -> CocMa
     flat = cv2.resize(_flat(working), size, interpolation=cv2.INTER_LINEAR) > 0.5
     sigma[flat] = np.maximum(sigma[flat], np.float32(scale * LARGEST_COC_PX))
     prior = None if coarse.prior is None else replace(coarse.prior, scale=scale)
-    return CocMap(coc_px=coc, sigma_px=sigma, prior=prior)
+    luma = np.asarray(working @ LUMA, dtype=np.float32)
+    return CocMap(coc_px=coc, sigma_px=sigma, prior=prior, luma=luma)
 
 
 def _flat(rgb: Float32) -> Float32:

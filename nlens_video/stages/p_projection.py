@@ -35,11 +35,13 @@ class GroundProjection(Struct, frozen=True, kw_only=True):
         disparity_of: disparity of the plane (h, w) in some columns (w,) and rows (h,) of pixels,
             <= 0 where it is not seen [1 / scene unit].
         ground_y: height of the plane in the world [scene unit].
+        camera: that sees them, None where it is not at hand.
     """
 
     mask: Bool
     disparity_of: Callable[[Int, Int], Float64]
     ground_y: float
+    camera: Camera | None = None
 
     @property
     def disparity(self) -> Float64:
@@ -77,6 +79,7 @@ def project_to_ground(triangles: Float64, camera: Camera, ground_y: float) -> Gr
         mask=mask.view(np.bool_),
         disparity_of=partial(_disparity, camera, ground_y),
         ground_y=ground_y,
+        camera=camera,
     )
     columns = np.arange(camera.width)
     for top, end in picture_bands(camera.height, camera.width):

@@ -26,8 +26,11 @@ from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, add_unresolved_covariance
 from nlens_video.stages.r_samples import LARGEST_AT_INFINITY, FitSamples, joined, sample_plane
+from nlens_video.stages.texture.combination import combined_with_texture
+from nlens_video.stages.texture.reading import TextureLens, read_texture
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
+SURE_PX = 1.0  # standard error of the CoC, in px of F, from which on the texture is read too
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
@@ -55,7 +58,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
 
     def __call__(
         self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR,
-        others: Sequence[FitSamples] = (),
+        others: Sequence[FitSamples] = (), *, with_texture: bool = True,
     ) -> Regression:  # fmt: skip
         """Fit the lens on one frame.
 
@@ -65,6 +68,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
             frame: index of that frame, kept in the fit.
             known: of the lens beforehand, combined with the plate by its errors.
             others: samples of other frames of a moving camera, which see other ground.
+            with_texture: also by the texture of the ground, where the readings are not sure.
 
         Raises:
             LensFitError: the plane is not in view, or shows no blur.
@@ -78,7 +82,13 @@ class FitLens(Struct, frozen=True, kw_only=True):
             + (f", {1 + len(others)} frames of a moving camera" if others else "")
         )
         size = coc.coc_px.shape[1], coc.coc_px.shape[0]
-        return self.of_samples(samples, size, where, frame, known)
+        found, readings = self._regress(samples, size, where, frame, known, INDEPENDENT)
+        if with_texture and (textures := _textures(found.fit, coc, ground, samples.middle)):
+            both = combined_with_texture(found.fit, textures, samples.middle)
+            if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):
+                return replace(found, fit=both)
+        _check(found.fit, readings, samples)
+        return found
 
     def of_samples(
         self, samples: FitSamples, size: tuple[int, int], where: str, frame: int = 0,
@@ -97,6 +107,15 @@ class FitLens(Struct, frozen=True, kw_only=True):
         Raises:
             LensFitError: they show no blur, or do not tell it.
         """
+        found, readings = self._regress(samples, size, where, frame, known, independent)
+        _check(found.fit, readings, samples)
+        return found
+
+    def _regress(
+        self, samples: FitSamples, size: tuple[int, int], where: str, frame: int,
+        known: LensPrior, independent: float,
+    ) -> tuple[Regression, Float64]:  # fmt: skip
+        """As `of_samples`, told or not, and the covariance of the readings alone (2, 2)."""
         width, height = size
         problem, lens = self._solved(samples, width, known)
         if lens is None:
@@ -150,8 +169,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
                 samples.disparity, samples.coc_px, samples.sigma_px, np.abs(error + samples.coc_px)
             ),
         )
-        _check(fit, readings, samples)
-        return Regression(fit=fit, samples=replace(samples, weight=weight))
+        return Regression(fit=fit, samples=replace(samples, weight=weight)), readings
 
     def samples(self, coc: CocMap, ground: GroundProjection) -> FitSamples:
         """The samples of one frame, of which `others` holds some; arguments as of a fit.
@@ -203,19 +221,43 @@ def _sign(problem: VFit, lens: VCandidate, slope_stderr: float) -> tuple[Sign, f
 
 def _part(readings: Float64, whole: Float64, disparity: float) -> float:
     """Standard error of the CoC at a disparity of the readings by that of the whole, 0 to 1."""
+    return min(1.0, _error(readings, disparity) / max(_error(whole, disparity), 1e-150))
+
+
+def _error(covariance: Float64, disparity: float) -> float:
+    """Standard error of the CoC at a disparity [px]."""
     there = np.array([disparity, 1.0])
-    return float(min(1.0, np.sqrt(there @ readings @ there / max(there @ whole @ there, 1e-300))))
+    return float(np.sqrt(there @ covariance @ there))
 
 
-def _check(fit: LensFit, covariance: Float64, samples: FitSamples) -> None:
-    """Refuse a fit that does not determine the blur where the object stands."""
+def _textures(
+    fit: LensFit, coc: CocMap, ground: GroundProjection, middle: float
+) -> tuple[TextureLens, ...]:
+    """Lenses by the ground's texture, none where a fit is sure or no texture is at hand."""
+    if coc.luma is None or ground.camera is None:
+        return ()
+    height, width = coc.luma.shape
+    scale = fit.width / width
+    if fit.coc_stderr_px(middle) <= SURE_PX * scale:
+        return ()
+    camera = ground.camera.resized(width, height)
+    found = read_texture(coc.luma, camera, ground.ground_y, middle)
+    return tuple(one.scaled(scale) for one in found)
+
+
+def _tells(fit: LensFit, error: float | Float64, samples: FitSamples) -> bool:
+    """Whether a fit with an error of the CoC [px] tells the blur where the object stands."""
+    return bool(error <= max(3.0, 0.5 * abs(fit.slope * samples.middle + fit.intercept)))
+
+
+def _check(fit: LensFit, readings: Float64, samples: FitSamples) -> None:
+    """Refuse a fit on readings that do not determine the blur where the object stands."""
     use = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
-    jacobian = np.array([samples.middle, 1.0])
-    error = float(np.sqrt(jacobian @ covariance @ jacobian))
-    blur = abs(fit.slope * jacobian[0] + fit.intercept)
+    error = _error(readings, samples.middle)
+    blur = abs(fit.slope * samples.middle + fit.intercept)
     expected = float(np.median(samples.sigma_px[use]))
     unsure = expected > max(UNSURE_PX, blur)
-    if unsure or fit.inlier_fraction < 0.1 or error > max(3.0, 0.5 * blur):
+    if unsure or fit.inlier_fraction < 0.1 or not _tells(fit, error, samples):
         raise LensFitError(
             f"the ground under the object does not tell the blur (CoC {blur:.1f} px, standard "
             f"error {error:.1f} px, {fit.inlier_fraction:.0%} of {fit.n} samples agree, expected "

@@ -144,7 +144,10 @@ class FitNode(Node):
         size = camera.width, camera.height
         try:
             found = fit_with_known(
-                lambda lens: self._fit(plate_coc, ground, frame.index, lens, self._others),
+                lambda lens: self._fit(
+                    plate_coc, ground, frame.index, lens, self._others,
+                    with_texture=lens_before is None,  # a stream in motion does not wait for it
+                ),
                 known, with_tags, size, frame.index,
             )  # fmt: skip
         except LensFitError as error:
