@@ -241,7 +241,10 @@ def _textures(
     if fit.coc_stderr_px(middle) <= SURE_PX * scale:
         return ()
     camera = ground.camera.resized(width, height)
-    found = read_texture(coc.luma, camera, ground.ground_y, middle)
+    begin = [(fit.slope / scale, fit.intercept / scale)]
+    if fit.other is not None:
+        begin.append((fit.other[0] / scale, fit.other[1] / scale))
+    found = read_texture(coc.luma, camera, ground.ground_y, middle, begin)
     return tuple(one.scaled(scale) for one in found)
 
 

@@ -19,21 +19,21 @@ from nlens_video.stages.texture.law import (
 )
 from nlens_video.stages.texture.spectra import Bins, Spectra
 
-MODEL = 0.15
-"""Error of the law in the log power."""
 USUAL_GAIN = 0.3
 """Deviation of the logarithm of a band's contrast."""
 USUAL_SOFTNESS_PX, SOFTNESS = 0.5, 0.3
 """Softness, and deviation of its logarithm."""
 _BEND, _TURN = 0.7, 2.0  # of the log spectrum: second difference by magnitude, first by direction
+_LAW = 0.15  # error of the law in the log power
 _NOISE = 0.4  # deviation of the logarithm of a band's noise
 _RIDGE = 1e-6  # of unknowns that nothing tells
 _OUTLIER = 4.0  # residuals beyond it, in errors, count little
-_FOCUSES = np.concatenate([[0.0], np.geomspace(0.15, 4.0, 16)])  # by the usual disparity
-_SLOPES = np.geomspace(0.6, 60.0, 12)  # CoC of what is at infinity in px, focused there
+_FOCUSES = np.concatenate([[0.0], np.geomspace(0.15, 4.0, 24)])  # by the usual disparity
+_SLOPES = np.geomspace(0.6, 60.0, 18)  # CoC of what is at infinity in px, focused there
 _LARGEST_SCANNED = 45.0 / LARGEST_PX  # CoC of the scan, by the largest
 _LEAST_SIGNAL = 0.02  # of the power, where it is no more than the noise
 _FINEST = 0.42  # frequencies that show the noise [1 / px]
+_TEXTURE_THERE = 0.3  # part of the log power there that is taken for the texture's
 _STEPS, _TRIALS = 12, 6  # of Levenberg-Marquardt
 _LARGEST_STEP = 2.0
 _ENOUGH = 0.01  # of cost
@@ -68,6 +68,22 @@ class Solution(Struct, frozen=True, kw_only=True, eq=False):
     covariance: Float64
 
 
+class _Linear(Struct, frozen=True, kw_only=True, eq=False):
+    """A weighted linear problem of N values and K unknowns.
+
+    Attributes:
+        design: (N, K).
+        weight: of the values (N,).
+        root: Cholesky factor of the normal matrix, priors included (K, K).
+        target: values without any blur (N,).
+    """
+
+    design: Float64
+    weight: Float64
+    root: Float64
+    target: Float64
+
+
 class TextureSolver:
     """Fits the law to bands of the ground.
 
@@ -80,9 +96,8 @@ class TextureSolver:
     def __init__(self, bins: Bins, bands: Bands) -> None:
         self.law = TextureLaw(bins, bands.spectra)
         self._bins, self.patches = bins, bands.patches
-        # the mean of a logarithm is lower than the logarithm of the mean
-        self._measured = bands.spectra.log_power + 0.5 / bins.cells
-        self._weight = 1.0 / (bands.error**2 + MODEL**2)
+        self._measured = bands.spectra.log_power + bins.log_bias
+        self._weight = 1.0 / (bands.error**2 + _LAW**2)
         self._texture = self.law.design()
         self._prior, self._usual = _prior(len(bands.patches))
         self.size = self._measured.size
@@ -93,29 +108,16 @@ class TextureSolver:
         With the noise taken as known the logarithm of the signal is linear in spectrum and gains,
         which are then solved for all lenses at once.
         """
-        signal = np.maximum(1.0 - np.exp(self._noise - self._measured), _LEAST_SIGNAL)
-        weight = (self._weight * signal**2).ravel()
-        softened = self.law.softened(math.log(USUAL_SOFTNESS_PX))
-        target = (self._measured + np.log(signal) - self.law.area + softened).ravel()
         lenses = self._lenses()
-        coc = np.abs(lenses[:, :1] * self.law.disparity + lenses[:, 1:])
-        blur = log_disc(coc[..., None] * self.law.frequency).reshape(len(lenses), -1)
-        bands, bins = self._measured.shape
-        gains = np.repeat(np.eye(bands), bins, axis=0)
-        design = np.hstack([self._texture.reshape(bands * bins, -1), gains])
-        prior = self._prior[:, : design.shape[1]]
-        normal = design.T @ (design * weight[:, None]) + prior.T @ prior
-        normal += _RIDGE * np.eye(len(normal))
-        wanted = (target - blur).T
-        weighted = weight[:, None] * wanted
-        reached = np.linalg.solve(np.linalg.cholesky(normal), design.T @ weighted)
+        linear, wanted = self._linear, self._wanted(lenses)
+        weighted = linear.weight[:, None] * wanted
+        reached = np.linalg.solve(linear.root, linear.design.T @ weighted)
         cost = (wanted * weighted).sum(axis=0) - np.square(reached).sum(axis=0)
         return [(float(lens[0]), float(lens[1])) for lens in lenses[np.argsort(cost)]]
 
     def solve(self, slope: float, intercept: float) -> Solution:
         """The minimum that Levenberg-Marquardt reaches from a lens."""
-        vector = self._begin.copy()
-        vector[-2:] = slope, intercept
+        vector = self._begin(slope, intercept)
         texture, whole = self._power(vector)
         cost, damping = self._cost(vector, whole), 1e-2
         normal = np.eye(len(vector))
@@ -146,18 +148,41 @@ class TextureSolver:
     def _noise(self) -> float:
         """A guess of the logarithm of the noise."""
         finest = self._measured[:, self._bins.magnitude > _FINEST]
-        return float(np.log(np.exp(finest).mean())) - 1.0
+        return float(np.median(finest, axis=1).min()) - _TEXTURE_THERE
 
     @cached_property
-    def _begin(self) -> Float64:
-        """Unknowns to begin with; the spectrum is that of a picture without blur."""
-        knots = MAGNITUDES * DIRECTIONS
-        plain = (self._measured - self.law.area).ravel()
-        design, prior = self._texture.reshape(-1, knots), self._prior[:, :knots]
-        normal = design.T @ design + prior.T @ prior + _RIDGE * np.eye(knots)
+    def _linear(self) -> _Linear:
+        """The signal by spectrum and gains, the noise being that of the guess."""
+        bands, bins = self._measured.shape
+        signal = np.maximum(1.0 - np.exp(self._noise - self._measured), _LEAST_SIGNAL)
+        weight = (self._weight * signal**2).ravel()
+        softened = self.law.softened(math.log(USUAL_SOFTNESS_PX))
+        gains = np.repeat(np.eye(bands), bins, axis=0)
+        design = np.hstack([self._texture.reshape(bands * bins, -1), gains])
+        prior = self._prior[:, : design.shape[1]]
+        normal = design.T @ (design * weight[:, None]) + prior.T @ prior
+        return _Linear(
+            design=design,
+            weight=weight,
+            root=np.linalg.cholesky(normal + _RIDGE * np.eye(len(normal))),
+            target=(self._measured + np.log(signal) - self.law.area + softened).ravel(),
+        )
+
+    def _wanted(self, lenses: Float64) -> Float64:
+        """Logarithm of the signal without the blur of lenses (L, 2): (B * M, L)."""
+        coc = np.abs(lenses[:, :1] * self.law.disparity + lenses[:, 1:])
+        blur = log_disc(coc[..., None] * self.law.frequency).reshape(len(lenses), -1)
+        return np.asarray((self._linear.target - blur).T)
+
+    def _begin(self, slope: float, intercept: float) -> Float64:
+        """Unknowns to begin with at a lens."""
+        linear = self._linear
+        wanted = self._wanted(np.array([[slope, intercept]]))[:, 0]
+        reached = np.linalg.solve(linear.root, linear.design.T @ (linear.weight * wanted))
+        found = np.linalg.solve(linear.root.T, reached)
         vector = np.zeros(self._prior.shape[1])
-        vector[:knots] = np.linalg.solve(normal, design.T @ plain)
-        vector[-4:-2] = self._noise, math.log(USUAL_SOFTNESS_PX)
+        vector[: len(found)] = found
+        vector[-4:] = self._noise, math.log(USUAL_SOFTNESS_PX), slope, intercept
         return vector
 
     def _lenses(self) -> Float64:

@@ -45,6 +45,17 @@ class Bins(Struct, frozen=True, kw_only=True, eq=False):
         across, down = np.cos(self.direction), np.sin(self.direction)
         return np.stack([across, down], axis=1) * self.magnitude[:, None]
 
+    @property
+    def log_bias(self) -> Float64:
+        """By which the mean of the logarithm lies below the logarithm of the mean (M,)."""
+        return np.asarray(0.5 / self.cells)
+
+    @property
+    def log_variance(self) -> Float64:
+        """Variance of the logarithm of a mean over a bin (M,): the trigamma function."""
+        count = self.cells
+        return np.asarray(1.0 / count + 0.5 / count**2 + 1.0 / (6.0 * count**3))
+
 
 class Spectra(Struct, frozen=True, kw_only=True, eq=False):
     """Spectra of places of the ground, P patches or means of several.
