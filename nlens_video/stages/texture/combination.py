@@ -68,13 +68,13 @@ def combined_with_texture(
         other=None,
         method=f"{fit.method}, with the ground's texture",
     )
-    sign = _sign(whole, fit, middle)
+    sign, margin = _sign(whole, fit, middle)
     if sign == "ambiguous":
         side = np.sign(best.lens @ np.array([middle, 1.0]))
         beyond = [lens for lens in lenses if np.sign(lens @ np.array([middle, 1.0])) != side]
         if beyond:
             whole = replace(whole, other=(float(beyond[0][0]), float(beyond[0][1])))
-    return replace(whole, sign=sign)
+    return replace(whole, sign=sign, sign_margin=margin)
 
 
 def _combined(lens: Float64, own: Float64, texture: TextureLens) -> _Combined | None:
@@ -99,11 +99,17 @@ def _covariance(fit: LensFit) -> Float64:
     return np.asarray(np.outer(errors, errors) * correlation)
 
 
-def _sign(whole: LensFit, fit: LensFit, middle: float) -> Sign:
-    """Whether both together tell on which side of the focus the object's ground lies."""
+def _sign(whole: LensFit, fit: LensFit, middle: float) -> tuple[Sign, float]:
+    """Whether both together tell on which side of the focus the object's ground lies, and margin.
+
+    The margin is the squared CoC there by twice its error.
+    """
     if fit.sign == "assumed":
-        return "assumed"
+        return "assumed", fit.sign_margin
     if not whole.depends_on_depth:
-        return "ambiguous"
+        return "ambiguous", 0.0
     coc, error = whole.slope * middle + whole.intercept, float(whole.coc_stderr_px(middle))
-    return "resolved" if abs(coc) < _SHARP_PX or abs(coc) > 2.0 * error else "ambiguous"
+    if abs(coc) < _SHARP_PX:
+        return "resolved", 1.0
+    margin = (0.5 * coc / error) ** 2
+    return ("resolved" if margin >= 1.0 else "ambiguous"), margin

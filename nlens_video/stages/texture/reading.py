@@ -23,8 +23,9 @@ from nlens_video.stages.texture.solver import SOFTNESS, USUAL_GAIN, USUAL_SOFTNE
 from nlens_video.stages.texture.spectra import fall_of_the_finest, ground_spectra
 
 _FEWEST = 40  # patches
-_NOISE_BANDS = 8  # parts of the ground, by disparity, the flattest of which shows the noise
-_LEAST_FALL = -0.15  # of its finest detail, in which no noise is white
+_PLAIN = 0.01  # power of a picture without noise or texture, below that of rounding [code value^2]
+_NOISE_BANDS, _FLAT_BANDS = 8, 3  # parts of the ground, by disparity; those that show the noise
+_LEAST_FALL = -0.15  # of the finest detail in which noise is white
 # measured on rendered plates (docs/evaluation/lens-fit.md)
 _ALIKE = 8.0  # squared errors of patches that count as one: patches overlap, and err alike
 _READINGS = 2.0  # errors by those that the solver states
@@ -64,7 +65,8 @@ def read_texture(
 ) -> tuple[TextureLens, ...]:
     """Lenses by which the texture of the ground may have been seen, the likeliest first.
 
-    None where the picture shows little ground, or noise that is not white.
+    None where the picture shows little ground, noise that is not white, or values that are no
+    numbers.
 
     Args:
         luma: the picture, display-coded [code value, 0 to 1] (H, W).
@@ -73,11 +75,16 @@ def read_texture(
         middle: disparity of the ground where the object stands, > 0 [1 / scene unit].
         begin: lenses that are looked at beside a grid.
     """
+    if not np.isfinite(luma).all():
+        return ()
     bins, patches = ground_spectra(luma, camera, ground_y)
     if len(patches.disparity) < _FEWEST:
         return ()
+    if np.exp(patches.log_power.mean(axis=0).max()) < _PLAIN:
+        return ()
     parts = np.array_split(np.argsort(patches.disparity, kind="stable"), _NOISE_BANDS)
-    if max(fall_of_the_finest(bins, patches.log_power[part]) for part in parts) < _LEAST_FALL:
+    falls = sorted(fall_of_the_finest(bins, patches.log_power[part]) for part in parts)
+    if falls[-_FLAT_BANDS] < _LEAST_FALL:
         return ()
     # the farther the ground, the likelier it is no longer the plane on which the object stands
     near = np.minimum(patches.disparity / middle, 1.0) ** 2

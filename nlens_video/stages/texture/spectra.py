@@ -32,7 +32,7 @@ class Bins(Struct, frozen=True, kw_only=True, eq=False):
     Attributes:
         magnitude: mean over the bin [1 / px].
         direction: its middle, 0 to pi from the columns' axis towards the rows' [rad].
-        cells: independent frequencies in the bin.
+        cells: frequencies in the bin; the window makes neighbours alike.
     """
 
     magnitude: Float64
@@ -122,13 +122,13 @@ def _power(windows: Float32) -> Float64:
     ones = np.ones(side)
     pairs = (ones, ones), (ones, ramp), (ramp, ones)
     plane = np.stack([np.outer(down, across).ravel() for down, across in pairs])
-    flat = 255.0 * windows.reshape(count, -1).astype(np.float64)
+    flat = 255.0 * windows.reshape(count, side * side).astype(np.float64)
     flat -= (flat @ np.linalg.pinv(plane)) @ plane
     taper = np.hanning(side + 1)[:-1]
     window = np.outer(taper, taper)
     window /= np.sqrt(np.square(window).sum())
     found = np.fft.rfft2(flat.reshape(count, side, side) * window)
-    return np.square(np.abs(found)).reshape(count, -1)
+    return np.square(np.abs(found)).reshape(count, found.shape[1] * found.shape[2])
 
 
 def _bins() -> tuple[Bins, Float64]:
