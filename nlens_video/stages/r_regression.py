@@ -31,6 +31,7 @@ from nlens_video.stages.texture.reading import TextureLens, read_texture
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
 SURE_PX = 1.0  # standard error of the CoC, in px of F, from which on the texture is read too
+FASTEST = 6.0  # slope by the usual one, beyond which the texture is not believed
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
@@ -83,7 +84,8 @@ class FitLens(Struct, frozen=True, kw_only=True):
         )
         size = coc.coc_px.shape[1], coc.coc_px.shape[0]
         found, readings = self._regress(samples, size, where, frame, known, INDEPENDENT)
-        if with_texture and (textures := _textures(found.fit, coc, ground, samples.middle)):
+        if with_texture:
+            textures = _textures(found.fit, coc, ground, samples.middle, known.usual_slope)
             both = combined_with_texture(found.fit, textures, samples.middle)
             if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):
                 return replace(found, fit=both)
@@ -231,9 +233,13 @@ def _error(covariance: Float64, disparity: float) -> float:
 
 
 def _textures(
-    fit: LensFit, coc: CocMap, ground: GroundProjection, middle: float
+    fit: LensFit, coc: CocMap, ground: GroundProjection, middle: float, usual: float | None
 ) -> tuple[TextureLens, ...]:
-    """Lenses by the ground's texture, none where a fit is sure or no texture is at hand."""
+    """Lenses by the ground's texture, none where a fit is sure or no texture is at hand.
+
+    Lenses that are much faster than `usual` ones, the root mean square slope of lenses in use, are
+    left out: a plain ground may look as if one had blurred it wholly.
+    """
     if coc.luma is None or ground.camera is None:
         return ()
     height, width = coc.luma.shape
@@ -245,7 +251,8 @@ def _textures(
     if fit.other is not None:
         begin.append((fit.other[0] / scale, fit.other[1] / scale))
     found = read_texture(coc.luma, camera, ground.ground_y, middle, begin)
-    return tuple(one.scaled(scale) for one in found)
+    lenses = (one.scaled(scale) for one in found)
+    return tuple(one for one in lenses if usual is None or one.slope <= FASTEST * usual)
 
 
 def _tells(fit: LensFit, error: float | Float64, samples: FitSamples) -> bool:

@@ -19,7 +19,7 @@ from msgspec import Struct
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.texture.candidates import Candidate, Lens, find_candidates
-from nlens_video.stages.texture.solver import SOFTNESS, USUAL_GAIN, USUAL_SOFTNESS_PX
+from nlens_video.stages.texture.solver import SOFTNESS, USUAL_SOFTNESS_PX
 from nlens_video.stages.texture.spectra import fall_of_the_finest, ground_spectra
 
 _FEWEST = 40  # patches
@@ -28,11 +28,12 @@ _NOISE_BANDS, _FLAT_BANDS = 8, 3  # parts of the ground, by disparity; those tha
 _LEAST_FALL = -0.15  # of the finest detail in which noise is white
 # measured on rendered plates (docs/evaluation/lens-fit.md)
 _ALIKE = 8.0  # squared errors of patches that count as one: patches overlap, and err alike
-_READINGS = 2.0  # errors by those that the solver states
-_LEAST_ERROR_PX, _RELATIVE_ERROR = 0.2, 0.05  # of a ground that is alike everywhere
+_READINGS = 1.2  # errors by those that the solver states
+_FLAT, _FLAT_T2 = 28.0, 4.0  # their variance grows by a / (b + t^2), t: the slope by its error
+_LEAST_ERROR_PX, _RELATIVE_ERROR = 0.055, 0.05  # of a ground that is alike everywhere
 _FINE_COST = 0.25  # of such a ground, by the number of values
+_GAIN, _SOFTNESS = 0.07, 2.5  # of the gains, and of the softness in its own, that as much again
 _LEVER = 0.5  # change of the disparity, by itself, over which the CoC errs by as much again
-_FLAT, _FLAT_T2 = 6.0, 4.0  # variance grows by a / (b + t^2), t being the slope by its error
 
 
 class TextureLens(Struct, frozen=True, kw_only=True, eq=False):
@@ -109,9 +110,9 @@ def _stated_covariance(candidate: Candidate, middle: float) -> Float64:
     unknown, own = found.unknown, found.covariance
     mean = np.average(unknown.gain, weights=solver.patches)
     uneven = np.average(np.square(unknown.gain - mean), weights=solver.patches)
-    gain = math.sqrt(float(uneven)) / USUAL_GAIN
-    soft = 0.5 * (unknown.softness - math.log(USUAL_SOFTNESS_PX)) / SOFTNESS
-    misfit = max(1.0, found.cost / solver.size / _FINE_COST) ** 1.5
+    gain = math.sqrt(float(uneven)) / _GAIN
+    soft = (unknown.softness - math.log(USUAL_SOFTNESS_PX)) / SOFTNESS / _SOFTNESS
+    misfit = max(1.0, found.cost / solver.size / _FINE_COST) ** 0.7
     error = _LEAST_ERROR_PX * misfit * math.sqrt(1.0 + gain**2 + soft**2)
     error = math.hypot(error, _RELATIVE_ERROR * (unknown.slope * middle + unknown.intercept))
     flat = 1.0 + _FLAT / (_FLAT_T2 + unknown.slope**2 / max(own[0, 0], 1e-300))
