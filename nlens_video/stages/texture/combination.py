@@ -102,7 +102,7 @@ def _covariance(fit: LensFit) -> Float64:
 def _sign(whole: LensFit, fit: LensFit, middle: float) -> tuple[Sign, float]:
     """Whether both together tell on which side of the focus the object's ground lies, and margin.
 
-    The margin is the squared CoC there by twice its error.
+    The margin is the squared CoC there by three times its error.
     """
     if fit.sign == "assumed":
         return "assumed", fit.sign_margin
@@ -111,5 +111,5 @@ def _sign(whole: LensFit, fit: LensFit, middle: float) -> tuple[Sign, float]:
     coc, error = whole.slope * middle + whole.intercept, float(whole.coc_stderr_px(middle))
     if abs(coc) < _SHARP_PX:
         return "resolved", 1.0
-    margin = (0.5 * coc / error) ** 2
+    margin = (coc / (3.0 * error)) ** 2
     return ("resolved" if margin >= 1.0 else "ambiguous"), margin

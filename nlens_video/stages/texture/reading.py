@@ -28,10 +28,11 @@ _NOISE_BANDS, _FLAT_BANDS = 8, 3  # parts of the ground, by disparity; those tha
 _LEAST_FALL = -0.15  # of the finest detail in which noise is white
 # measured on rendered plates (docs/evaluation/lens-fit.md)
 _ALIKE = 8.0  # squared errors of patches that count as one: patches overlap, and err alike
-_READINGS = 1.2  # errors by those that the solver states
+_READINGS = 1.5  # errors by those that the solver states
 _FLAT, _FLAT_T2 = 28.0, 4.0  # their variance grows by a / (b + t^2), t: the slope by its error
-_LEAST_ERROR_PX, _RELATIVE_ERROR = 0.055, 0.05  # of a ground that is alike everywhere
+_LEAST_ERROR_PX, _RELATIVE_ERROR = 0.075, 0.07  # of a ground that is alike everywhere
 _FINE_COST = 0.25  # of such a ground, by the number of values
+_UNEVEN = 0.9  # deviation of the gains, beyond which other things are seen, such as in a mirror
 _GAIN, _SOFTNESS = 0.07, 2.5  # of the gains, and of the softness in its own, that as much again
 _LEVER = 0.5  # change of the disparity, by itself, over which the CoC errs by as much again
 
@@ -66,8 +67,8 @@ def read_texture(
 ) -> tuple[TextureLens, ...]:
     """Lenses by which the texture of the ground may have been seen, the likeliest first.
 
-    None where the picture shows little ground, noise that is not white, or values that are no
-    numbers.
+    None where the picture shows little ground, contrasts that differ as those of a mirror do, noise
+    that is not white, or values that are no numbers.
 
     Args:
         luma: the picture, display-coded [code value, 0 to 1] (H, W).
@@ -98,7 +99,15 @@ def read_texture(
             unlikelier=(one.off - found[0].off) / _ALIKE,
         )
         for one in found
+        if _gain_deviation(found[0]) <= _UNEVEN
     )
+
+
+def _gain_deviation(candidate: Candidate) -> float:
+    """Standard deviation of the logarithm of the contrast along the ground."""
+    gain, patches = candidate.solution.unknown.gain, candidate.solver.patches
+    mean = np.average(gain, weights=patches)
+    return math.sqrt(float(np.average(np.square(gain - mean), weights=patches)))
 
 
 def _stated_covariance(candidate: Candidate, middle: float) -> Float64:
@@ -108,9 +117,7 @@ def _stated_covariance(candidate: Candidate, middle: float) -> Float64:
     """
     solver, found = candidate.solver, candidate.solution
     unknown, own = found.unknown, found.covariance
-    mean = np.average(unknown.gain, weights=solver.patches)
-    uneven = np.average(np.square(unknown.gain - mean), weights=solver.patches)
-    gain = math.sqrt(float(uneven)) / _GAIN
+    gain = _gain_deviation(candidate) / _GAIN
     soft = (unknown.softness - math.log(USUAL_SOFTNESS_PX)) / SOFTNESS / _SOFTNESS
     misfit = max(1.0, found.cost / solver.size / _FINE_COST) ** 0.7
     error = _LEAST_ERROR_PX * misfit * math.sqrt(1.0 + gain**2 + soft**2)

@@ -127,15 +127,17 @@ class TextureSolver:
                 damped = normal + damping * np.diag(np.diag(normal) + _RIDGE)
                 step = np.linalg.solve(damped, right)
                 step[:-2] = np.clip(step[:-2], -_LARGEST_STEP, _LARGEST_STEP)
-                if self._is_lens(*(vector + step)[-2:]):
-                    found = self._power(vector + step)
-                    new_cost = self._cost(vector + step, found[1])
+                moved = vector + step
+                moved[-1] = min(moved[-1], 0.0)  # nothing is focused beyond infinity
+                if self._is_lens(*moved[-2:]):
+                    found = self._power(moved)
+                    new_cost = self._cost(moved, found[1])
                     if new_cost < cost:
                         break
                 damping *= 8.0
             else:
                 break
-            vector, (texture, whole) = vector + step, found
+            vector, (texture, whole) = moved, found
             gained, cost = cost - new_cost, new_cost
             damping = max(damping / 6.0, _RIDGE)
             if gained < _ENOUGH:
@@ -232,7 +234,7 @@ class TextureSolver:
 
     def _is_lens(self, slope: float, intercept: float) -> bool:
         coc = np.abs(slope * self.law.disparity + intercept)
-        return bool(slope > 0.0 and intercept <= 0.0 and coc.max() < LARGEST_PX)
+        return bool(slope > 0.0 and coc.max() < LARGEST_PX)
 
 
 def _prior(bands: int) -> tuple[Float64, Float64]:
