@@ -42,7 +42,7 @@ class Candidate(Struct, frozen=True, kw_only=True, eq=False):
 
 
 def find_candidates(
-    bins: Bins, patches: Spectra, near: Float64, middle: float, begin: Sequence[Lens]
+    bins: Bins, patches: Spectra, near: Float64, begin: Sequence[Lens]
 ) -> list[Candidate]:
     """Lenses, the one by which most of the ground looks alike first.
 
@@ -50,16 +50,15 @@ def find_candidates(
 
     Args:
         bins: of the spectra.
-        patches: of the ground.
+        patches: of the ground, in units in which the disparity is 1 where the object stands.
         near: weights of the patches beforehand (P,).
-        middle: disparity of the ground where the object stands [1 / scene unit].
         begin: lenses that are looked at beside a grid.
     """
     solver = TextureSolver(bins, _bands(bins, patches, near))
-    starts = [*begin, *_apart(solver.scan(), middle)]
+    starts = [*begin, *_apart(solver.scan())]
     minima = sorted((solver.solve(*lens) for lens in starts), key=lambda one: one.cost)
     found = []
-    for minimum in _distinct(minima, middle)[:_CANDIDATES]:
+    for minimum in _distinct(minima)[:_CANDIDATES]:
         one = _candidate(bins, patches, near, solver, minimum)
         for _ in range(_ROUNDS):
             again = TextureSolver(bins, _bands(bins, patches, one.weight))
@@ -68,7 +67,7 @@ def find_candidates(
             one = _candidate(bins, patches, near, again, solution)
         found.append(one)
     found.sort(key=lambda one: one.off)
-    kept = _distinct([one.solution for one in found], middle)
+    kept = _distinct([one.solution for one in found])
     return [one for one in found if any(one.solution is solution for solution in kept)]
 
 
@@ -125,14 +124,14 @@ def _bands(bins: Bins, patches: Spectra, weight: Float64) -> Bands:
     return Bands(spectra=spectra, error=np.sqrt(variance), patches=worth)
 
 
-def _apart(lenses: Sequence[Lens], middle: float) -> list[Lens]:
+def _apart(lenses: Sequence[Lens]) -> list[Lens]:
     """The first lenses that differ in the CoC at the object or in slope."""
     kept: list[Lens] = []
     for slope, intercept in lenses:
-        coc = slope * middle + intercept
+        coc = slope + intercept
         near = _APART_PX + _APART * abs(coc)
         if all(
-            abs(coc - (one * middle + other)) > near or not 1.0 / _STEEPER < slope / one < _STEEPER
+            abs(coc - (one + other)) > near or not 1.0 / _STEEPER < slope / one < _STEEPER
             for one, other in kept
         ):
             kept.append((slope, intercept))
@@ -141,13 +140,13 @@ def _apart(lenses: Sequence[Lens], middle: float) -> list[Lens]:
     return kept
 
 
-def _distinct(solutions: Sequence[Solution], middle: float) -> list[Solution]:
+def _distinct(solutions: Sequence[Solution]) -> list[Solution]:
     """Without those that are the same lens as one before."""
     kept: list[Solution] = []
     for one in solutions:
         lens = one.unknown
         for other in kept:
-            steeper = (lens.slope - other.unknown.slope) * middle
+            steeper = lens.slope - other.unknown.slope
             blurrier = steeper + lens.intercept - other.unknown.intercept
             if abs(steeper) < _SAME_PX and abs(blurrier) < _SAME_PX:
                 break

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
@@ -88,18 +89,26 @@ def read_texture(
     falls = sorted(fall_of_the_finest(bins, patches.log_power[part]) for part in parts)
     if falls[-_FLAT_BANDS] < _LEAST_FALL:
         return ()
+    # in units of the object's distance: none of the numbers below depends on the scene's
+    patches = replace(
+        patches, disparity=patches.disparity / middle, stretch=patches.stretch / middle
+    )
     # the farther the ground, the likelier it is no longer the plane on which the object stands
-    near = np.minimum(patches.disparity / middle, 1.0) ** 2
-    found = find_candidates(bins, patches, near, middle, begin)
+    near = np.minimum(patches.disparity, 1.0) ** 2
+    found = find_candidates(
+        bins, patches, near, [(slope * middle, intercept) for slope, intercept in begin]
+    )
+    if _gain_deviation(found[0]) > _UNEVEN:
+        return ()
+    to_scene = np.diag([1.0 / middle, 1.0])
     return tuple(
         TextureLens(
-            slope=one.solution.unknown.slope,
+            slope=one.solution.unknown.slope / middle,
             intercept=one.solution.unknown.intercept,
-            covariance=_stated_covariance(one, middle),
+            covariance=to_scene @ _stated_covariance(one) @ to_scene,
             unlikelier=(one.off - found[0].off) / _ALIKE,
         )
         for one in found
-        if _gain_deviation(found[0]) <= _UNEVEN
     )
 
 
@@ -110,8 +119,10 @@ def _gain_deviation(candidate: Candidate) -> float:
     return math.sqrt(float(np.average(np.square(gain - mean), weights=patches)))
 
 
-def _stated_covariance(candidate: Candidate, middle: float) -> Float64:
+def _stated_covariance(candidate: Candidate) -> Float64:
     """Covariance of slope and intercept with what a ground that is not alike everywhere adds.
+
+    In units in which the disparity is 1 where the object stands.
 
     Such a ground shows: values are off, contrasts differ, or the softness is unusual.
     """
@@ -121,9 +132,9 @@ def _stated_covariance(candidate: Candidate, middle: float) -> Float64:
     soft = (unknown.softness - math.log(USUAL_SOFTNESS_PX)) / SOFTNESS / _SOFTNESS
     misfit = max(1.0, found.cost / solver.size / _FINE_COST) ** 0.7
     error = _LEAST_ERROR_PX * misfit * math.sqrt(1.0 + gain**2 + soft**2)
-    error = math.hypot(error, _RELATIVE_ERROR * (unknown.slope * middle + unknown.intercept))
+    error = math.hypot(error, _RELATIVE_ERROR * (unknown.slope + unknown.intercept))
     flat = 1.0 + _FLAT / (_FLAT_T2 + unknown.slope**2 / max(own[0, 0], 1e-300))
-    # errors of the slope and of the CoC at `middle`, apart
-    to_intercept = np.array([[1.0, 0.0], [-middle, 1.0]])
-    of_law = np.diag([(error / (_LEVER * middle)) ** 2, error**2])
+    # errors of the slope and of the CoC at the object, apart
+    to_intercept = np.array([[1.0, 0.0], [-1.0, 1.0]])
+    of_law = np.diag([(error / _LEVER) ** 2, error**2])
     return np.asarray(_READINGS**2 * flat * own + to_intercept @ of_law @ to_intercept.T)
