@@ -69,7 +69,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
             frame: index of that frame, kept in the fit.
             known: of the lens beforehand, combined with the plate by its errors.
             others: samples of other frames of a moving camera, which see other ground.
-            with_texture: also by the texture of the ground, where the readings are not sure.
+            with_texture: also by the texture of the whole plane, where the readings are not sure.
 
         Raises:
             LensFitError: the plane is not in view, or shows no blur.
@@ -84,7 +84,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
         )
         size = coc.coc_px.shape[1], coc.coc_px.shape[0]
         found, readings = self._regress(samples, size, where, frame, known, INDEPENDENT)
-        if with_texture:
+        if with_texture and self.whole_plane and self.region is None:
             textures = _textures(found.fit, coc, ground, samples.middle, known.usual_slope)
             both = combined_with_texture(found.fit, textures, samples.middle)
             if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):

@@ -7,6 +7,7 @@ from support.textured_ground import camera, filmed, texture
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import UNKNOWN_LENS, LensPrior
 from nlens_video.core.layers import CocMap
+from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import SURE_PX, FitLens
 
@@ -81,6 +82,17 @@ def test_readings_without_their_picture_are_fitted_alone():
         CocMap(coc_px=np.full_like(luma, 0.5), sigma_px=np.full_like(luma, 0.7)), ground,
         known=known(seen_by),
     ).fit  # fmt: skip
+    assert "texture" not in fit.method
+
+
+@pytest.mark.parametrize(
+    "limited",
+    [{"whole_plane": False}, {"region": Region(((0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9)))}],
+)
+def test_part_of_the_ground_that_is_chosen_is_fitted_by_its_readings(limited):
+    seen_by, ground = scene()
+    misled = readings(0.5, 0.7, filmed(texture(1), TRUTH, seen_by))
+    fit = FitLens(**limited)(misled, ground, known=known(seen_by)).fit
     assert "texture" not in fit.method
 
 
