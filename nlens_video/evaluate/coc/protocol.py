@@ -154,6 +154,7 @@ class CocProtocol:
         even = CocMap(coc_px=coc.coc_px, sigma_px=alike)
         ways: dict[str, tuple[CocMap, Fit]] = {
             "shipped": (coc, _shipped(plate.camera)),
+            "no texture": (coc, _shipped(plate.camera, with_texture=False)),
             "no confidence": (even, _shipped(plate.camera)),
             "no V-fit (the paper's line)": (coc, fit_line),
             "footprint only": (coc, lambda c, g: FitLens(whole_plane=False)(c, g).fit),
@@ -210,10 +211,10 @@ class CocProtocol:
             self.conditions.add(name, plate.name, {"object_rms_px": rms})
 
 
-def _shipped(camera: Camera) -> Fit:
+def _shipped(camera: Camera, *, with_texture: bool = True) -> Fit:
     """The fit as a run makes it through a camera, in metres."""
     known = UNKNOWN_LENS.prior(camera.fx, camera.width, 1.0)
-    return lambda coc, ground: FitLens()(coc, ground, known=known).fit
+    return lambda coc, ground: FitLens()(coc, ground, known=known, with_texture=with_texture).fit
 
 
 def _attempt(fit: Fit, coc: CocMap, ground: GroundProjection) -> LensFit | None:
