@@ -102,14 +102,15 @@ def _covariance(fit: LensFit) -> Float64:
 def _sign(whole: LensFit, fit: LensFit, middle: float) -> tuple[Sign, float]:
     """Whether both together tell on which side of the focus the object's ground lies, and margin.
 
-    The margin is the squared CoC there by three times its error.
+    The margin is the squared CoC there by three times its error. What the readings resolve stays
+    so on the same side.
     """
     if fit.sign == "assumed":
         return "assumed", fit.sign_margin
     if not whole.depends_on_depth:
         return "ambiguous", 0.0
     coc, error = whole.slope * middle + whole.intercept, float(whole.coc_stderr_px(middle))
-    if abs(coc) < _SHARP_PX:
-        return "resolved", 1.0
-    margin = (coc / (3.0 * error)) ** 2
+    margin = 1.0 if abs(coc) < _SHARP_PX else (coc / (3.0 * error)) ** 2
+    if fit.sign == "resolved" and coc * (fit.slope * middle + fit.intercept) > 0.0:
+        return "resolved", max(margin, fit.sign_margin)
     return ("resolved" if margin >= 1.0 else "ambiguous"), margin

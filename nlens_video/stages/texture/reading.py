@@ -33,7 +33,9 @@ _READINGS = 1.5  # errors by those that the solver states
 _FLAT, _FLAT_T2 = 28.0, 4.0  # their variance grows by a / (b + t^2), t: the slope by its error
 _LEAST_ERROR_PX, _RELATIVE_ERROR = 0.075, 0.07  # of a ground that is alike everywhere
 _FINE_COST = 0.25  # of such a ground, by the number of values
-_UNEVEN = 0.9  # deviation of the gains, beyond which other things are seen, such as in a mirror
+_MOST_UNEVEN = (
+    0.9  # deviation of the gains, beyond which other things are seen, such as in a mirror
+)
 _GAIN, _SOFTNESS = 0.07, 2.5  # of the gains, and of the softness in its own, that as much again
 _LEVER = 0.5  # change of the disparity, by itself, over which the CoC errs by as much again
 
@@ -98,7 +100,7 @@ def read_texture(
     found = find_candidates(
         bins, patches, near, [(slope * middle, intercept) for slope, intercept in begin]
     )
-    if _gain_deviation(found[0]) > _UNEVEN:
+    if _gain_deviation(found[0]) > _MOST_UNEVEN:
         return ()
     to_scene = np.diag([1.0 / middle, 1.0])
     return tuple(

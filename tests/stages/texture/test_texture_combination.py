@@ -75,6 +75,14 @@ def test_sign_that_neither_tells_stays_open_with_both_lenses():
     assert both.other == (4.0, 0.0)
 
 
+@pytest.mark.parametrize(("texture", "sign"), [(-12.0, "resolved"), (-7.5, "ambiguous")])
+def test_sign_that_the_readings_resolve_stays_so_on_their_side(texture, sign):
+    """The CoC by the readings is -6 px; by the texture it is -2 or 2.5 px."""
+    fit = by_readings(20.0, -16.0, slope_error=9.0, intercept_error=2.0)
+    both = combined_with_texture(fit, [by_texture(20.0, texture, error_px=1.0)], MIDDLE)
+    assert both.sign == sign
+
+
 def test_preference_of_the_user_is_kept():
     chosen = replace(by_readings(), sign="assumed")
     assert combined_with_texture(chosen, [by_texture()], MIDDLE).sign == "assumed"
