@@ -25,9 +25,16 @@ from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, add_unresolved_covariance
-from nlens_video.stages.r_samples import LARGEST_AT_INFINITY, FitSamples, joined, sample_plane
+from nlens_video.stages.r_samples import (
+    LARGEST_AT_INFINITY,
+    FitSamples,
+    inside,
+    joined,
+    sample_plane,
+)
 from nlens_video.stages.texture.combination import combined_with_texture
 from nlens_video.stages.texture.reading import TextureLens, read_texture
+from nlens_video.stages.texture.spectra import Part
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
 SURE_PX = 1.0  # standard error of the CoC, in px of F, from which on the texture is read too
@@ -84,8 +91,8 @@ class FitLens(Struct, frozen=True, kw_only=True):
         )
         size = coc.coc_px.shape[1], coc.coc_px.shape[0]
         found, readings = self._regress(samples, size, where, frame, known, INDEPENDENT)
-        if with_texture and self.whole_plane and self.region is None:
-            textures = _textures(found.fit, coc, ground, samples.middle, known.usual_slope)
+        if with_texture and self.whole_plane:
+            textures = self._textures(found.fit, coc, ground, samples.middle, known.usual_slope)
             both = combined_with_texture(found.fit, textures, samples.middle)
             if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):
                 return replace(found, fit=both)
@@ -195,6 +202,41 @@ class FitLens(Struct, frozen=True, kw_only=True):
             return problem, lens
         return anchored, other
 
+    def _textures(
+        self,
+        fit: LensFit,
+        coc: CocMap,
+        ground: GroundProjection,
+        middle: float,
+        usual: float | None,
+    ) -> tuple[TextureLens, ...]:
+        """Lenses by the ground's texture, none where a fit is sure or no texture is at hand.
+
+        Lenses that are much faster than `usual`, the root mean square slope of those in use, are
+        left out: a plain ground may look as if one had blurred it wholly.
+        """
+        if coc.luma is None or ground.camera is None:
+            return ()
+        height, width = coc.luma.shape
+        scale = fit.width / width
+        if fit.coc_stderr_px(middle) <= SURE_PX * scale:
+            return ()
+        camera = ground.camera.resized(width, height)
+        begin = [(fit.slope / scale, fit.intercept / scale)]
+        if fit.other is not None:
+            begin.append((fit.other[0] / scale, fit.other[1] / scale))
+        found = read_texture(
+            coc.luma, camera, ground.ground_y, middle, begin, self._part(width, height)
+        )
+        lenses = (one.scaled(scale) for one in found)
+        return tuple(one for one in lenses if usual is None or one.slope <= FASTEST * usual)
+
+    def _part(self, width: int, height: int) -> Part | None:
+        """Whether places of a picture [px] lie in the region."""
+        if (region := self.region) is None:
+            return None
+        return lambda columns, rows: inside(region, columns / width, rows / height)
+
     def _where(self, samples: FitSamples) -> str:
         if self.region is not None:
             return "the ground in the given region"
@@ -230,29 +272,6 @@ def _error(covariance: Float64, disparity: float) -> float:
     """Standard error of the CoC at a disparity [px]."""
     there = np.array([disparity, 1.0])
     return float(np.sqrt(there @ covariance @ there))
-
-
-def _textures(
-    fit: LensFit, coc: CocMap, ground: GroundProjection, middle: float, usual: float | None
-) -> tuple[TextureLens, ...]:
-    """Lenses by the ground's texture, none where a fit is sure or no texture is at hand.
-
-    Lenses that are much faster than `usual` ones, the root mean square slope of lenses in use, are
-    left out: a plain ground may look as if one had blurred it wholly.
-    """
-    if coc.luma is None or ground.camera is None:
-        return ()
-    height, width = coc.luma.shape
-    scale = fit.width / width
-    if fit.coc_stderr_px(middle) <= SURE_PX * scale:
-        return ()
-    camera = ground.camera.resized(width, height)
-    begin = [(fit.slope / scale, fit.intercept / scale)]
-    if fit.other is not None:
-        begin.append((fit.other[0] / scale, fit.other[1] / scale))
-    found = read_texture(coc.luma, camera, ground.ground_y, middle, begin)
-    lenses = (one.scaled(scale) for one in found)
-    return tuple(one for one in lenses if usual is None or one.slope <= FASTEST * usual)
 
 
 def _tells(fit: LensFit, error: float | Float64, samples: FitSamples) -> bool:

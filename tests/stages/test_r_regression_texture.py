@@ -85,15 +85,22 @@ def test_readings_without_their_picture_are_fitted_alone():
     assert "texture" not in fit.method
 
 
-@pytest.mark.parametrize(
-    "limited",
-    [{"whole_plane": False}, {"region": Region(((0.1, 0.1), (0.9, 0.1), (0.9, 0.9), (0.1, 0.9)))}],
-)
-def test_part_of_the_ground_that_is_chosen_is_fitted_by_its_readings(limited):
+def test_footprint_that_is_fitted_alone_is_fitted_by_its_readings():
     seen_by, ground = scene()
     misled = readings(0.5, 0.7, filmed(texture(1), TRUTH, seen_by))
-    fit = FitLens(**limited)(misled, ground, known=known(seen_by)).fit
+    fit = FitLens(whole_plane=False)(misled, ground, known=known(seen_by)).fit
     assert "texture" not in fit.method
+
+
+def test_texture_outside_of_the_region_tells_nothing_of_the_lens():
+    seen_by, ground = scene()
+    luma = filmed(texture(1), TRUTH, seen_by)
+    luma[:, 400:] = filmed(texture(2), (60.0, -6.0), seen_by)[:, 400:]
+    region = Region.of((0.0, 0.0, 400 / seen_by.width, 1.0))
+    fit = FitLens(region=region)(readings(0.5, 0.7, luma), ground, known=known(seen_by)).fit
+    found, true = coc_at(fit, ground)
+    assert "region" in fit.method and "texture" in fit.method
+    assert found == pytest.approx(true, abs=0.6)
 
 
 def test_picture_of_another_size_gives_the_blur_in_pixels_of_the_frame():

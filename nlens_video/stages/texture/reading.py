@@ -21,7 +21,7 @@ from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.texture.candidates import Candidate, Lens, find_candidates
 from nlens_video.stages.texture.solver import SOFTNESS, USUAL_SOFTNESS_PX
-from nlens_video.stages.texture.spectra import fall_of_the_finest, ground_spectra
+from nlens_video.stages.texture.spectra import Part, fall_of_the_finest, ground_spectra
 
 _FEWEST = 40  # patches
 _PLAIN = 0.01  # power of a picture without noise or texture, below that of rounding [code value^2]
@@ -66,8 +66,9 @@ class TextureLens(Struct, frozen=True, kw_only=True, eq=False):
 
 
 def read_texture(
-    luma: Float32, camera: Camera, ground_y: float, middle: float, begin: Sequence[Lens] = ()
-) -> tuple[TextureLens, ...]:
+    luma: Float32, camera: Camera, ground_y: float, middle: float, begin: Sequence[Lens] = (),
+    part: Part | None = None,
+) -> tuple[TextureLens, ...]:  # fmt: skip
     """Lenses by which the texture of the ground may have been seen, the likeliest first.
 
     None where the picture shows little ground, contrasts that differ as those of a mirror do, noise
@@ -79,10 +80,11 @@ def read_texture(
         ground_y: height of the ground [scene unit].
         middle: disparity of the ground where the object stands, > 0 [1 / scene unit].
         begin: lenses that are looked at beside a grid.
+        part: of the picture that is looked at, None for all of it.
     """
     if not np.isfinite(luma).all():
         return ()
-    bins, patches = ground_spectra(luma, camera, ground_y)
+    bins, patches = ground_spectra(luma, camera, ground_y, part)
     if len(patches.disparity) < _FEWEST:
         return ()
     if np.exp(patches.log_power.mean(axis=0).max()) < _PLAIN:

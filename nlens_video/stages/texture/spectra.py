@@ -7,12 +7,13 @@ averaged in bins of the picture's frequency, by magnitude and direction.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from msgspec import Struct
 from numpy.lib.stride_tricks import sliding_window_view
 
-from nlens_video.core.layers import Float32, Float64
+from nlens_video.core.layers import Bool, Float32, Float64
 from nlens_video.scene.camera import Camera
 
 SIDE_PX = 48
@@ -72,13 +73,20 @@ class Spectra(Struct, frozen=True, kw_only=True, eq=False):
     log_power: Float64
 
 
-def ground_spectra(luma: Float32, camera: Camera, ground_y: float) -> tuple[Bins, Spectra]:
+Part = Callable[[Float64, Float64], Bool]
+"""Whether places, columns and rows of the same shape [px], lie in a part of the picture."""
+
+
+def ground_spectra(
+    luma: Float32, camera: Camera, ground_y: float, part: Part | None = None
+) -> tuple[Bins, Spectra]:
     """Spectra of all patches of a picture that lie below the horizon.
 
     Args:
         luma: the picture, display-coded [code value, 0 to 1] (H, W).
         camera: of a picture of this size.
         ground_y: height of the ground [scene unit].
+        part: in which their corners lie, None for the whole picture.
     """
     bins, cells = _bins()
     height, width = luma.shape
@@ -88,14 +96,14 @@ def ground_spectra(luma: Float32, camera: Camera, ground_y: float) -> tuple[Bins
         )
     rows = np.arange(0, height - SIDE_PX + 1, _STEP_PX)
     columns = np.arange(0, width - SIDE_PX + 1, _STEP_PX)
+    places = [(columns + across, rows + down) for across in (0, SIDE_PX) for down in (0, SIDE_PX)]
     # the plane's disparity is affine in the pixel position: the corners tell whether it is seen
-    corners = [
-        camera.disparity_at(columns + across, rows + down, ground_y)
-        for across in (0.0, SIDE_PX)
-        for down in (0.0, SIDE_PX)
-    ]
+    corners = [camera.disparity_at(1.0 * x, 1.0 * y, ground_y) for x, y in places]
     seen = np.min(corners, axis=0) > 0.0
-    row, column = (places[seen] for places in np.meshgrid(rows, columns, indexing="ij"))
+    if part is not None:
+        for x, y in places:
+            seen &= part(*np.meshgrid(1.0 * x, 1.0 * y))
+    row, column = (grid[seen] for grid in np.meshgrid(rows, columns, indexing="ij"))
     middle = np.stack([column, row], axis=1) + 0.5 * SIDE_PX
     windows = sliding_window_view(luma, (SIDE_PX, SIDE_PX))[row, column]
     return bins, Spectra(
