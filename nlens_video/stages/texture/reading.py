@@ -36,6 +36,7 @@ _FINE_COST = 0.25  # of such a ground, by the number of values
 _MOST_UNEVEN = (
     0.9  # deviation of the gains, beyond which other things are seen, such as in a mirror
 )
+_GUESS_PX, _GUESS = 2.5, 0.1  # error of a guess, by itself or by the CoC
 _GAIN, _SOFTNESS = 0.07, 2.5  # of the gains, and of the softness in its own, that as much again
 _LEVER = 0.5  # change of the disparity, by itself, over which the CoC errs by as much again
 
@@ -102,7 +103,7 @@ def read_texture(
     found = find_candidates(
         bins, patches, near, [(slope * middle, intercept) for slope, intercept in begin]
     )
-    if _gain_deviation(found[0]) > _MOST_UNEVEN:
+    if _gain_deviation(found[0]) > _MOST_UNEVEN or not _tells(found[0]):
         return ()
     to_scene = np.diag([1.0 / middle, 1.0])
     return tuple(
@@ -114,6 +115,13 @@ def read_texture(
         )
         for one in found
     )
+
+
+def _tells(candidate: Candidate) -> bool:
+    """Whether the CoC at the object is told to better than what a guess errs by."""
+    lens = candidate.solution.unknown
+    error = math.sqrt(float(_stated_covariance(candidate).sum()))
+    return error <= max(_GUESS_PX, _GUESS * abs(lens.slope + lens.intercept))
 
 
 def _gain_deviation(candidate: Candidate) -> float:
