@@ -97,9 +97,19 @@ def test_signal_after_all_is_written_changes_nothing(name):
     assert told(COMPLETE.format(name=name)) == ("told\nended\n", 0)
 
 
-def test_handlers_of_a_program_that_goes_on_are_restored():
-    before = [signal.getsignal(number) for number in signals.ENDING]
-    with signals.interruptible():
-        signals.complete()
-        assert all(signal.getsignal(number) is signals.handler for number in signals.ENDING)
-    assert [signal.getsignal(number) for number in signals.ENDING] == before
+@pytest.mark.parametrize("hangup", [signal.SIG_DFL, signal.SIG_IGN])
+def test_handlers_of_a_program_that_goes_on_are_restored(hangup):
+    """A hangup that is ignored, as below nohup, stays so."""
+    earlier = signal.signal(signal.SIGHUP, hangup)
+    try:
+        before = {number: signal.getsignal(number) for number in signals.ENDING}
+        with signals.interruptible():
+            signals.complete()
+            taken = {number for number, own in before.items() if own is not signal.SIG_IGN}
+            for number in signals.ENDING:
+                own = signals.handler if number in taken else signal.SIG_IGN
+                assert signal.getsignal(number) is own
+        assert {number: signal.getsignal(number) for number in signals.ENDING} == before
+        assert (signal.SIGHUP in taken) == (hangup is signal.SIG_DFL)
+    finally:
+        signal.signal(signal.SIGHUP, earlier)
