@@ -30,7 +30,7 @@ _RIDGE = 1e-6  # of unknowns that nothing tells
 _OUTLIER = 4.0  # residuals beyond it, in errors, count little
 _FOCUSES = np.concatenate([[0.0], np.geomspace(0.15, 4.0, 24)])  # by the usual disparity
 _SLOPES = np.geomspace(0.6, 60.0, 18)  # CoC of what is at infinity in px, focused there
-_LARGEST_SCANNED = 45.0 / LARGEST_PX  # CoC of the scan, by the largest
+_LARGEST_SCANNED_PX = 45.0  # CoC of the scan
 _LEAST_SIGNAL = 0.02  # of the power, where it is no more than the noise
 _FINEST = 0.42  # frequencies that show the noise [1 / px]
 _TEXTURE_THERE = 0.3  # part of the log power there that is taken for the texture's
@@ -87,10 +87,14 @@ class _Linear(Struct, frozen=True, kw_only=True, eq=False):
 class TextureSolver:
     """Fits the law to bands of the ground.
 
+    Args:
+        bins: frequencies of the spectra.
+        bands: what is fitted to.
+
     Attributes:
         law: at the bands.
         patches: how many each is worth (B,).
-        size: number of measured values.
+        size: number of measured values, B * M.
     """
 
     def __init__(self, bins: Bins, bands: Bands) -> None:
@@ -103,7 +107,7 @@ class TextureSolver:
         self.size = self._measured.size
 
     def scan(self) -> list[tuple[float, float]]:
-        """Slopes and intercepts of a grid of lenses, the likeliest first.
+        """Slopes [px * scene unit] and intercepts [px] of a grid of lenses, the likeliest first.
 
         With the noise taken as known the logarithm of the signal is linear in spectrum and gains,
         which are then solved for all lenses at once.
@@ -116,7 +120,7 @@ class TextureSolver:
         return [(float(lens[0]), float(lens[1])) for lens in lenses[np.argsort(cost)]]
 
     def solve(self, slope: float, intercept: float) -> Solution:
-        """The minimum that Levenberg-Marquardt reaches from a lens."""
+        """The minimum that Levenberg-Marquardt reaches from a slope and an intercept [px]."""
         vector = self._begin(slope, intercept)
         texture, whole = self._power(vector)
         cost, damping = self._cost(vector, whole), 1e-2
@@ -195,7 +199,7 @@ class TextureSolver:
         )
         lenses = np.stack([slopes, -slopes * focuses], axis=1)
         coc = np.abs(lenses[:, :1] * self.law.disparity + lenses[:, 1:])
-        return np.asarray(lenses[coc.max(axis=1) <= _LARGEST_SCANNED * LARGEST_PX])
+        return np.asarray(lenses[coc.max(axis=1) <= _LARGEST_SCANNED_PX])
 
     def _power(self, vector: Float64) -> tuple[Float64, Float64]:
         """Logarithm of the power without noise and with it (B, M)."""
@@ -204,6 +208,7 @@ class TextureSolver:
         return seen, np.logaddexp(seen, (unknown.common_noise + unknown.noise)[:, None])
 
     def _cost(self, vector: Float64, whole: Float64) -> float:
+        """Of unknowns by which the log power is `whole` (B, M); grows slowly for outliers."""
         squared = np.square(self._measured - whole) * self._weight
         off = self._prior @ vector - self._usual
         return float(_OUTLIER**2 * np.log1p(squared / _OUTLIER**2).sum() + off @ off)
@@ -233,6 +238,7 @@ class TextureSolver:
         return design.reshape(share.size, -1)
 
     def _is_lens(self, slope: float, intercept: float) -> bool:
+        """Whether nearer ground has the larger signed CoC, and none one beyond the table."""
         coc = np.abs(slope * self.law.disparity + intercept)
         return bool(slope > 0.0 and coc.max() < LARGEST_PX)
 

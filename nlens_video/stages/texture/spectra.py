@@ -18,8 +18,7 @@ from nlens_video.scene.camera import Camera
 
 SIDE_PX = 48
 """Side of a patch."""
-MAGNITUDES, DIRECTIONS = 14, 9
-"""Bins of the frequency."""
+_MAGNITUDES, _DIRECTIONS = 14, 9  # bins of the frequency
 _STEP_PX = SIDE_PX // 2
 _LOWEST = 1.8 / SIDE_PX  # frequency: below it the window shows its own spectrum [1 / px]
 _HIGHEST = 0.5  # [1 / px]
@@ -144,18 +143,18 @@ def _bins() -> tuple[Bins, Float64]:
     across, down = np.meshgrid(np.fft.rfftfreq(SIDE_PX), np.fft.fftfreq(SIDE_PX))
     magnitude = np.hypot(across, down)
     used = (magnitude >= _LOWEST) & (magnitude < _HIGHEST) & ((across > 0.0) | (down > 0.0))
-    edges = np.geomspace(_LOWEST, _HIGHEST, MAGNITUDES + 1)
+    edges = np.geomspace(_LOWEST, _HIGHEST, _MAGNITUDES + 1)
     ring = np.searchsorted(edges, magnitude, side="right") - 1
     turn = np.arctan2(down, across) % math.pi / math.pi
-    sector = np.floor(turn * DIRECTIONS).astype(np.int64) % DIRECTIONS
-    number = np.where(used, ring * DIRECTIONS + sector, -1).ravel()
+    sector = np.floor(turn * _DIRECTIONS).astype(np.int64) % _DIRECTIONS
+    number = np.where(used, ring * _DIRECTIONS + sector, -1).ravel()
     present = np.unique(number[number >= 0])
     cells = (number == present[:, None]).astype(np.float64)
     count = cells.sum(axis=1)
     cells /= count[:, None]
     return Bins(
         magnitude=cells @ magnitude.ravel(),
-        direction=(present % DIRECTIONS + 0.5) / DIRECTIONS * math.pi,
+        direction=(present % _DIRECTIONS + 0.5) / _DIRECTIONS * math.pi,
         cells=count,
     ), cells
 

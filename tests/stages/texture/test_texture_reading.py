@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from support.textured_ground import camera, filmed, sharp_view, texture
+from support.textured_ground import EYE_M, camera, filmed, sharp_view, texture
 
 from nlens_video.stages.texture.reading import read_texture
 
@@ -107,6 +107,15 @@ def test_camera_that_sees_little_ground_reads_nothing():
     seen_by = camera(pitch_degrees=-10.0)
     plate = np.full((seen_by.height, seen_by.width), 0.5, np.float32)
     assert read_texture(plate, seen_by, 0.0, 0.1) == ()
+
+
+@pytest.mark.parametrize("height_m", [1e-12, 1.2, 1e9])
+@pytest.mark.parametrize("pitch", [0.5, 45.0, 90.0])
+def test_any_camera_gives_finite_numbers(height_m, pitch):
+    seen_by = camera(pitch, unit_m=EYE_M / height_m)
+    plate = filmed(texture(1), LENSES[0], camera())
+    for lens in read_texture(plate, seen_by, 0.0, middle_of(seen_by)):
+        assert np.isfinite([lens.slope, lens.intercept, *lens.covariance.ravel()]).all()
 
 
 def test_unit_of_the_scene_changes_no_blur():
