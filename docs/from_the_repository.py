@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = {
     "README.md": "index.md",
     "models/coc/README.md": "models/coc.md",
+    "models/lens/README.md": "models/lens.md",
     "models/reblur/README.md": "models/reblur.md",
     "models/camera/README.md": "models/camera.md",
     "models/sun/README.md": "models/sun.md",

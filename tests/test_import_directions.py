@@ -18,7 +18,7 @@ kernels  kernels/scatter
 video/pixels  video  video/stills  video/input  video/times  video/output
 scene/gltf  scene  cameras  solve/still  solve/points  solve/paths  solve
 render/base  render/software  render/opengl  render
-stages/texture  stages
+stages/texture  stages/whole_ground  stages
 networks
 options
 effects  effects/foreground  effects/shadow  effects/camera

@@ -8,6 +8,9 @@ The truth of a polished or wet ground is the surface's own CoC, whatever it mirr
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -60,8 +63,41 @@ def draw_bladed_aperture(rng: Rng) -> Aperture:
     return cat_eye_aperture(rng.uniform(0.1, 0.6), rng.uniform(0, 2 * np.pi))
 
 
-def draw_ground_plane(rng: Rng) -> tuple[Layout, Float32]:
-    """A plane that comes nearer downwards, and the mask of what stands at its far end."""
+@dataclass(frozen=True, slots=True)
+class GroundPlane:
+    """A plane that comes nearer downwards, and what stands at its far end.
+
+    Attributes:
+        layout: the lens and the disparity of what is seen.
+        wall: mask of what stands at the far end (N, N).
+        gradient: of the plane's disparity, which is 1 in the middle, along columns and rows
+            [1 / px].
+        end: disparity of its far end.
+    """
+
+    layout: Layout
+    wall: Float32
+    gradient: tuple[float, float]
+    end: float
+
+
+@dataclass(frozen=True, slots=True)
+class GroundLight:
+    """A ground as the lens shows it, with a margin on all sides.
+
+    Attributes:
+        plane: of the ground.
+        light: scene-linear (N, N, 3).
+        coc_px: unsigned CoC diameter of what is seen (N, N).
+    """
+
+    plane: GroundPlane
+    light: Float32
+    coc_px: Float32
+
+
+def draw_ground_plane(rng: Rng) -> GroundPlane:
+    """A ground plane and a lens that has its focus on it or beside it."""
     size = SIZE + 2 * MARGIN
     y, x = (np.mgrid[0:size, 0:size] - (size - 1) / 2).astype(np.float32)
     angle = rng.normal(np.pi / 2, 0.06)
@@ -80,7 +116,9 @@ def draw_ground_plane(rng: Rng) -> tuple[Layout, Float32]:
         focus = near + beyond if rng.random() < 0.5 else far - beyond
     offset = slope * (1 - focus)
     shrink = min(1.0, MAX_COC_PX / float(np.abs(offset + slope * (disparity - 1)).max()))
-    return Layout(disparity, slope * shrink, offset * shrink, down), np.float32(plane < end)
+    layout = Layout(disparity, slope * shrink, offset * shrink, down)
+    gradient = (down[0] / horizon, down[1] / horizon)
+    return GroundPlane(layout, np.float32(plane < end), gradient, float(end))
 
 
 def with_strands(rng: Rng, layout: Layout, linear: Float32) -> tuple[Float32, Float32]:
@@ -164,12 +202,23 @@ def _together(first: Float32, second: Float32) -> Float32:
 
 def draw_long_ground(rng: Rng, photos: Photos) -> tuple[npt.NDArray[np.uint8], Float32]:
     """A finished picture uint8 (SIZE, SIZE, 3) and its unsigned CoC diameter (SIZE, SIZE) [px]."""
-    layout, wall = draw_ground_plane(rng)
+    ground = draw_ground_light(rng, photos)
+    inner = slice(MARGIN, MARGIN + SIZE)
+    finish = filmed if rng.random() < FILMED_SHARE else photographed
+    return finish(rng, ground.light)[inner, inner], ground.coc_px[inner, inner]
+
+
+def draw_ground_light(rng: Rng, photos: Photos, hard_share: float = 1.0) -> GroundLight:
+    """A long ground before it is photographed, hard to read on a share of the pictures."""
+    plane = draw_ground_plane(rng)
+    layout, wall = plane.layout, plane.wall
     aperture = draw_bladed_aperture(rng)
     rendered = rng.random() < RENDERED_SHARE
     moments = with_squares if rendered else np.asarray
     size = layout.disparity.shape[0]
-    ground = in_perspective(rng, layout, ground_surface(rng, TEXTURE_SIZE, photos))
+    hard = hard_share >= 1.0 or rng.random() < hard_share
+    texture = ground_surface if hard else partial(surface, photo_share=0.5)
+    ground = in_perspective(rng, layout, texture(rng, TEXTURE_SIZE, photos))
     disparity = layout.disparity
     ground = np.where(wall[..., None] > 0, surface(rng, size, photos, 0.5), ground)
     if rng.random() < STRANDS_SHARE:
@@ -192,6 +241,4 @@ def draw_long_ground(rng: Rng, photos: Photos) -> tuple[npt.NDArray[np.uint8], F
     picture = scene[0]
     if rendered:
         picture = path_traced(rng, picture, FEWEST_SAMPLES, MOST_SAMPLES)
-    inner = slice(MARGIN, MARGIN + SIZE)
-    finish = filmed if rng.random() < FILMED_SHARE else photographed
-    return finish(rng, picture)[inner, inner], scene[1][inner, inner]
+    return GroundLight(plane, picture, scene[1])

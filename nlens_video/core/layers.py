@@ -132,6 +132,9 @@ class CocMap(Struct, frozen=True, kw_only=True):
         prior: training prior towards which uncertain estimates shrink, None without one.
         luma: of the picture that was read, at the size at which it was (h, w), display-coded, None
             where it is not at hand [code value, 0 to 1].
+        cells: means over squares of that picture of log(1 + CoC) without unit, of its square and of
+            log(sigma / (1 + CoC)), in pixels of that picture (rows, columns, 3), perhaps of a
+            margin below and on the right too; None where they are not at hand.
     """
 
     coc_px: Float32
@@ -139,6 +142,7 @@ class CocMap(Struct, frozen=True, kw_only=True):
     frames: int = 1
     prior: CocPrior | None = None
     luma: Float32 | None = None
+    cells: Float32 | None = None
 
     def __post_init__(self) -> None:
         if self.coc_px.ndim != 2 or self.coc_px.shape != self.sigma_px.shape:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from collections.abc import MutableMapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, cached_property, partial
-from typing import TYPE_CHECKING
+from functools import cached_property
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from nlens_video.core.layers import BlurredLayer, DefocusedLayer
 from nlens_video.core.settings import REFLECTANCE, ObjectSettings
 from nlens_video.effects.finding import Finding
 from nlens_video.effects.planner import DEFOCUS, OCCLUSION, Decision, EffectRequest
 from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.context import (
-    CocEstimator,
-    DepthOrder,
     NodeContext,
     ShadowScene,
-    SunReader,
 )
 from nlens_video.graph.base.node import LANES, Lane, Node, Unavailable
 from nlens_video.graph.base.object_source import RenderedObject, open_object
@@ -33,15 +28,9 @@ from nlens_video.graph.nodes.camera import overscan_px
 from nlens_video.graph.occlusion_source import open_occlusion_source
 from nlens_video.graph.pipeline_file import PipelineFile
 from nlens_video.networks.device import DeviceChoice
-from nlens_video.scene.plate_sun import plate_sun
+from nlens_video.networks.lazy import lazy_depth_order, lazy_lens_network, lazy_sun_reader
 from nlens_video.scene.scene import Scene
 from nlens_video.scene.scene_light import SceneLight
-
-if TYPE_CHECKING:
-    from nlens_video.networks.onnx_networks import OnnxRepairNetwork
-    from nlens_video.networks.sun_network import OnnxSunNetwork
-    from nlens_video.stages.f_coc import EstimateCoc
-    from nlens_video.stages.l_depth_order import RepairDepthOrder
 
 
 def open_dependencies(
@@ -97,6 +86,7 @@ def open_dependencies(
         unit_m=view.unit_m,
         aperture=effects.aperture,
         renderer=source.renderer if isinstance(source, RenderedObject) else None,
+        read_lens=lazy_lens_network(),
         read_sun=lazy_sun_reader(),
         repair=lazy_depth_order(view.pixel_aspect, device),
         spread=device.spread,
@@ -108,71 +98,6 @@ def open_dependencies(
         first_lit_frame=plate.first_lit_frame,
     )
     return context, effects
-
-
-def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> DepthOrder:
-    """Depth ordering at CoC discontinuities, set up by the first frame that has one.
-
-    Args:
-        pixel_aspect: width of a pixel by its height [1].
-        device: where network and scatter run.
-    """
-
-    @cache
-    def network() -> OnnxRepairNetwork:
-        from nlens_video.networks.model_store import find_model
-        from nlens_video.networks.onnx_networks import OnnxRepairNetwork
-
-        return OnnxRepairNetwork(find_model("reblur").path, device=device)
-
-    @cache
-    def ordering() -> RepairDepthOrder:
-        from nlens_video.kernels.scatter.scatter import blur_reach, scatter
-        from nlens_video.stages.l_depth_order import RepairDepthOrder
-
-        return RepairDepthOrder(
-            network=lambda geometry: network()(geometry),  # never called where all is known
-            scatter=partial(scatter, spread=device.spread),
-            reach=blur_reach,
-            pixel_aspect=pixel_aspect,
-        )
-
-    def repair(defocused: DefocusedLayer, blurred: BlurredLayer) -> BlurredLayer:
-        return ordering()(defocused, blurred)
-
-    return repair
-
-
-def lazy_coc_estimator(pixel_aspect: float, device: DeviceChoice) -> CocEstimator:
-    """F, whose network is loaded by the first picture.
-
-    Args:
-        pixel_aspect: width of a pixel by its height [1].
-        device: where the network runs.
-    """
-
-    @cache
-    def estimator() -> EstimateCoc:
-        from nlens_video.networks.model_store import find_model
-        from nlens_video.networks.onnx_networks import OnnxCocNetwork
-        from nlens_video.stages.f_coc import EstimateCoc
-
-        return EstimateCoc(OnnxCocNetwork(find_model("coc").path, device=device), pixel_aspect)
-
-    return lambda picture, following: estimator()(picture, following)
-
-
-def lazy_sun_reader() -> SunReader:
-    """Reads the sun off a plate; its network is loaded by the first."""
-
-    @cache
-    def network() -> OnnxSunNetwork:
-        from nlens_video.networks.model_store import find_model
-        from nlens_video.networks.sun_network import OnnxSunNetwork
-
-        return OnnxSunNetwork(find_model("sun").path)
-
-    return lambda picture, camera, ground_y: plate_sun(network(), picture, camera, ground_y)
 
 
 def shadow_scene(objects: ObjectSettings, scene: Scene) -> ShadowScene:

@@ -29,19 +29,14 @@ from nlens_video.graph.base.plate_preview import PlatePreview
 from nlens_video.graph.base.profiler import FrameTiming, Profiler
 from nlens_video.graph.base.timeline import notes_on_timing
 from nlens_video.graph.base.view import View
-from nlens_video.graph.builder import (
-    Built,
-    Graph,
-    build,
-    lazy_coc_estimator,
-    open_dependencies,
-)
+from nlens_video.graph.builder import Built, Graph, build, open_dependencies
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.effect_plan import LensRequest
 from nlens_video.graph.executor import FrameState, GraphExecutor
 from nlens_video.graph.pipeline_file import PipelineFile, load_pipeline
 from nlens_video.graph.scheduler import Worker
 from nlens_video.networks.device import DeviceChoice, choose
+from nlens_video.networks.lazy import lazy_coc_estimator
 from nlens_video.scene.scene import Scene
 from nlens_video.stages.r_lens_track import FitTrack
 from nlens_video.stages.r_samples import FitSamples

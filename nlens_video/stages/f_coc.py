@@ -22,6 +22,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from nlens_video.core.layers import Bool, CocMap, Float32, Picture
+from nlens_video.stages.whole_ground.patches import reading_cells
 
 WORKING_SIDE_PX = 960
 LARGEST_COC_PX = 64.0  # of the network's training [px of the working size]
@@ -136,7 +137,13 @@ def _read(network: CocNetwork, working: Float32, size: tuple[int, int]) -> CocMa
     sigma[flat] = np.maximum(sigma[flat], np.float32(scale * LARGEST_COC_PX))
     prior = None if coarse.prior is None else replace(coarse.prior, scale=scale)
     luma = np.asarray(working @ LUMA, dtype=np.float32)
-    return CocMap(coc_px=coc, sigma_px=sigma, prior=prior, luma=luma)
+    return CocMap(
+        coc_px=coc,
+        sigma_px=sigma,
+        prior=prior,
+        luma=luma,
+        cells=reading_cells(coarse, padded.shape[1]),
+    )
 
 
 def _flat(rgb: Float32) -> Float32:

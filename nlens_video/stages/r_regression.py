@@ -13,6 +13,7 @@ values is too flat, so the training prior is divided out of the samples first.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct
@@ -32,13 +33,10 @@ from nlens_video.stages.r_samples import (
     joined,
     sample_plane,
 )
-from nlens_video.stages.texture.combination import combined_with_texture
-from nlens_video.stages.texture.reading import TextureLens, read_texture
-from nlens_video.stages.texture.spectra import Part
+from nlens_video.stages.whole_ground.evidence import Within, combined_with_ground
+from nlens_video.stages.whole_ground.network_reading import LensNetwork
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
-SURE_PX = 1.0  # standard error of the CoC, in px of F, from which on the texture is read too
-FASTEST = 6.0  # slope by the usual one, beyond which the texture is not believed
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
@@ -58,15 +56,17 @@ class FitLens(Struct, frozen=True, kw_only=True):
         anchor_weight: weight of the footprint as a whole against the rest of the plane [1].
         whole_plane: fit on everything the plane covers, or (as the paper) on the footprint alone.
         region: part of the frame outside of which nothing is fitted on; None for all of it.
+        network: reads the lens off the whole ground where the readings are not sure, None for none.
     """
 
     anchor_weight: float = 0.1
     whole_plane: bool = True
     region: Region | None = None
+    network: LensNetwork | None = None
 
     def __call__(
         self, coc: CocMap, ground: GroundProjection, frame: int = 0, known: LensPrior = NO_PRIOR,
-        others: Sequence[FitSamples] = (), *, with_texture: bool = True,
+        others: Sequence[FitSamples] = (), *, with_whole_ground: bool = True,
     ) -> Regression:  # fmt: skip
         """Fit the lens on one frame.
 
@@ -76,7 +76,7 @@ class FitLens(Struct, frozen=True, kw_only=True):
             frame: index of that frame, kept in the fit.
             known: of the lens beforehand, combined with the plate by its errors.
             others: samples of other frames of a moving camera, which see other ground.
-            with_texture: also by the texture of the whole plane, where the readings are not sure.
+            with_whole_ground: also by the ground as a whole, where the readings are not sure.
 
         Raises:
             LensFitError: the plane is not in view, or shows no blur.
@@ -91,13 +91,16 @@ class FitLens(Struct, frozen=True, kw_only=True):
         )
         size = coc.coc_px.shape[1], coc.coc_px.shape[0]
         found, readings = self._regress(samples, size, where, frame, known, INDEPENDENT)
-        if with_texture and self.whole_plane:
-            textures = self._textures(found.fit, coc, ground, samples.middle, known.usual_slope)
-            both = combined_with_texture(found.fit, textures, samples.middle)
+        both = None
+        if with_whole_ground and self.whole_plane:
+            both = combined_with_ground(
+                found.fit, coc, ground.camera, ground.ground_y, samples.middle,
+                known=known, network=self.network, within=self._within(),
+            )  # fmt: skip
             if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):
                 return replace(found, fit=both)
         _check(found.fit, readings, samples)
-        return found
+        return found if both is None else replace(found, fit=both)
 
     def of_samples(
         self, samples: FitSamples, size: tuple[int, int], where: str, frame: int = 0,
@@ -202,40 +205,9 @@ class FitLens(Struct, frozen=True, kw_only=True):
             return problem, lens
         return anchored, other
 
-    def _textures(
-        self,
-        fit: LensFit,
-        coc: CocMap,
-        ground: GroundProjection,
-        middle: float,
-        usual: float | None,
-    ) -> tuple[TextureLens, ...]:
-        """Lenses by the ground's texture, none where a fit is sure or no texture is at hand.
-
-        Lenses that are much faster than `usual`, the root mean square slope of those in use, are
-        left out: a plain ground may look as if one had blurred it wholly.
-        """
-        if coc.luma is None or ground.camera is None:
-            return ()
-        height, width = coc.luma.shape
-        scale = fit.width / width
-        if fit.coc_stderr_px(middle) <= SURE_PX * scale:
-            return ()
-        camera = ground.camera.resized(width, height)
-        begin = [(fit.slope / scale, fit.intercept / scale)]
-        if fit.other is not None:
-            begin.append((fit.other[0] / scale, fit.other[1] / scale))
-        found = read_texture(
-            coc.luma, camera, ground.ground_y, middle, begin, self._part(width, height)
-        )
-        lenses = (one.scaled(scale) for one in found)
-        return tuple(one for one in lenses if usual is None or one.slope <= FASTEST * usual)
-
-    def _part(self, width: int, height: int) -> Part | None:
-        """Whether places of a picture [px] lie in the region."""
-        if (region := self.region) is None:
-            return None
-        return lambda columns, rows: inside(region, columns / width, rows / height)
+    def _within(self) -> Within | None:
+        """Whether places, by the frame's size, lie in the region."""
+        return None if (region := self.region) is None else partial(inside, region)
 
     def _where(self, samples: FitSamples) -> str:
         if self.region is not None:

@@ -12,8 +12,8 @@ from nlens_video.core.settings import SourceSettings
 from nlens_video.effects.measurement import MOST_PICTURES
 from nlens_video.graph.base.context import CocEstimator
 from nlens_video.graph.base.plate_preview import PlatePreview
-from nlens_video.graph.builder import lazy_coc_estimator
 from nlens_video.networks.device import choose
+from nlens_video.networks.lazy import lazy_coc_estimator
 from nlens_video.run.frame_range import LOOKAHEAD_FRAMES
 from nlens_video.studio.plate_frames import PlateFrames
 from nlens_video.video.info import SourceFrame

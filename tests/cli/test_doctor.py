@@ -19,7 +19,7 @@ def networks(capsys):
 def test_every_shipped_network_is_verified(capsys):
     _, said = networks(capsys)
     assert said["works"] is True
-    assert all(name in said["detail"] for name in ("coc", "sun", "camera", "reblur"))
+    assert all(name in said["detail"] for name in ("coc", "lens", "sun", "camera", "reblur"))
 
 
 @pytest.mark.parametrize("damage", ["missing", "altered"])

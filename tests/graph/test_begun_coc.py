@@ -13,8 +13,8 @@ from nlens_video.core.errors import NlensError
 from nlens_video.core.layers import CocMap
 from nlens_video.graph.base.begun_coc import BegunCoc
 from nlens_video.graph.base.profiler import Profiler
-from nlens_video.graph.builder import lazy_coc_estimator
 from nlens_video.networks.device import choose
+from nlens_video.networks.lazy import lazy_coc_estimator
 from nlens_video.video.pixels.picture import ArrayPicture
 
 

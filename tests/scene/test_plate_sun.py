@@ -13,7 +13,7 @@ from support.command import nlens
 from support.courtyard import LEFT, SEAT, camera, courtyard, file_sun
 
 from nlens_video.core.settings import NO_SUN, SunSettings
-from nlens_video.graph.builder import lazy_sun_reader
+from nlens_video.networks.lazy import lazy_sun_reader
 from nlens_video.scene.illumination import LUMINANCE, from_lamp
 from nlens_video.scene.object_motion import turned_about_up
 from nlens_video.scene.plate_sun import (

@@ -9,7 +9,8 @@ from nlens_video.core.known_lens import UNKNOWN_LENS, LensPrior
 from nlens_video.core.layers import CocMap
 from nlens_video.core.placement import Region
 from nlens_video.stages.p_projection import project_to_ground
-from nlens_video.stages.r_regression import SURE_PX, FitLens
+from nlens_video.stages.r_regression import FitLens
+from nlens_video.stages.whole_ground.evidence import SURE_PX
 
 TRUTH = (20.0, -14.0)
 
@@ -51,7 +52,7 @@ def test_ground_whose_grain_hides_its_blur_is_read_by_its_texture():
     assert found == pytest.approx(true, abs=0.6)
     assert fit.sign == "resolved"
     assert fit.method.endswith("with the ground's texture")
-    alone = FitLens()(misled, ground, known=known(seen_by), with_texture=False).fit
+    alone = FitLens()(misled, ground, known=known(seen_by), with_whole_ground=False).fit
     assert abs(coc_at(alone, ground)[0] - true) > 3.0
     assert "texture" not in alone.method
 
@@ -60,7 +61,7 @@ def test_refused_ground_is_told_by_its_texture():
     seen_by, ground = scene()
     unsure = readings(6.0, 30.0, filmed(texture(1), TRUTH, seen_by))
     with pytest.raises(LensFitError, match="does not tell the blur"):
-        FitLens()(unsure, ground, known=known(seen_by), with_texture=False)
+        FitLens()(unsure, ground, known=known(seen_by), with_whole_ground=False)
     fit = FitLens()(unsure, ground, known=known(seen_by)).fit
     found, true = coc_at(fit, ground)
     assert found == pytest.approx(true, abs=0.6)

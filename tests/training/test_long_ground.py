@@ -102,7 +102,7 @@ def test_ground_that_mirrors_keeps_its_own_coc(photos, monkeypatch):
     monkeypatch.setattr(long_ground, "draw_things", lambda *_: [])
     inner = slice(MARGIN, MARGIN + SIZE)
     for seed in range(2):
-        layout, _ = long_ground.draw_ground_plane(np.random.default_rng(seed))
+        layout = long_ground.draw_ground_plane(np.random.default_rng(seed)).layout
         _, coc = long_ground.draw_long_ground(np.random.default_rng(seed), photos)
         np.testing.assert_array_equal(coc, np.abs(layout.coc(layout.disparity))[inner, inner])
 
@@ -112,7 +112,7 @@ def test_mirror_image_lies_beyond_the_ground(photos):
 
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        layout, _ = draw_ground_plane(rng)
+        layout = draw_ground_plane(rng).layout
         image, share, coc = mirrored(rng, layout, photos)
         assert (coc <= layout.coc(layout.disparity) + 1e-4).all()  # signed: farther is less
         assert share.min() >= 0 and share.max() <= 0.85
@@ -123,7 +123,7 @@ def test_strands_have_the_disparity_of_their_feet():
     from models.coc.long_ground import draw_ground_plane, with_strands
 
     rng = np.random.default_rng(2)
-    layout, _ = draw_ground_plane(rng)
+    layout = draw_ground_plane(rng).layout
     bare = np.full((*layout.disparity.shape, 3), 0.9, np.float32)
     light, disparity = with_strands(rng, layout, bare)
     seen = disparity != layout.disparity

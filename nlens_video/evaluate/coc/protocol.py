@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import cv2
@@ -26,6 +26,7 @@ from nlens_video.evaluate.metrics import coc_figures, rms_within
 from nlens_video.evaluate.plates import Plate, find_plates, load_plate
 from nlens_video.evaluate.plots import PlateErrors, error_by_coc, reliability
 from nlens_video.evaluate.report import Column, Report, Table, prepare_folder, track
+from nlens_video.networks.lazy import lazy_lens_network
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.f_coc import CocNetwork, estimate_coc
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
@@ -154,7 +155,8 @@ class CocProtocol:
         even = CocMap(coc_px=coc.coc_px, sigma_px=alike)
         ways: dict[str, tuple[CocMap, Fit]] = {
             "shipped": (coc, _shipped(plate.camera)),
-            "no texture": (coc, _shipped(plate.camera, with_texture=False)),
+            "readings alone": (coc, _shipped(plate.camera, with_whole_ground=False)),
+            "no lens network": (coc, _shipped(plate.camera, with_network=False)),
             "no confidence": (even, _shipped(plate.camera)),
             "no V-fit (the paper's line)": (coc, fit_line),
             "footprint only": (coc, lambda c, g: FitLens(whole_plane=False)(c, g).fit),
@@ -211,10 +213,16 @@ class CocProtocol:
             self.conditions.add(name, plate.name, {"object_rms_px": rms})
 
 
-def _shipped(camera: Camera, *, with_texture: bool = True) -> Fit:
+_lens_network = cache(lazy_lens_network)  # one for all plates
+
+
+def _shipped(camera: Camera, *, with_whole_ground: bool = True, with_network: bool = True) -> Fit:
     """The fit as a run makes it through a camera, in metres."""
     known = UNKNOWN_LENS.prior(camera.fx, camera.width, 1.0)
-    return lambda coc, ground: FitLens()(coc, ground, known=known, with_texture=with_texture).fit
+    fit = FitLens(network=_lens_network() if with_network else None)
+    return lambda coc, ground: (
+        fit(coc, ground, known=known, with_whole_ground=with_whole_ground).fit
+    )
 
 
 def _attempt(fit: Fit, coc: CocMap, ground: GroundProjection) -> LensFit | None:

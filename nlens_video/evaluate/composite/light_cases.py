@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from nlens_video.evaluate.plates import Plate
-from nlens_video.graph.builder import lazy_sun_reader
+from nlens_video.networks.lazy import lazy_sun_reader
 from nlens_video.scene.environment import load_environment
 from nlens_video.scene.illumination import Illumination
 from nlens_video.scene.plate_environment import PLATE_COLUMNS, Seat

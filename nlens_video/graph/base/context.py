@@ -32,6 +32,7 @@ from nlens_video.video.info import SourceFrame
 if TYPE_CHECKING:
     from nlens_video.render.base.box_renderer import BoxRenderer
     from nlens_video.stages.r_samples import FitSamples
+    from nlens_video.stages.whole_ground.network_reading import LensNetwork
 
 CocEstimator = Callable[[Picture, Sequence[Picture]], CocMap]
 """F: the CoC map of a picture, from it and the ones that follow."""
@@ -96,6 +97,8 @@ class NodeContext(Struct, frozen=True, kw_only=True, dict=True):
     Attributes:
         objects: bounds, geometry and rendering of the object.
         estimate_coc: F; loads its network when first called.
+        read_lens: reads the lens off the whole ground, None to read none; loads its network when
+            first called.
         ground_y: height of the ground plane, None for the object's lowest point at time 0.
         fallback_constant: whether a constant CoC may stand in for a fit that fails.
         pixel_aspect: width of a pixel by its height [1].
@@ -126,6 +129,7 @@ class NodeContext(Struct, frozen=True, kw_only=True, dict=True):
     ground_y: float | None
     fallback_constant: bool
     pixel_aspect: float
+    read_lens: LensNetwork | None = None
     known_lens: KnownLens = UNKNOWN_LENS
     tagged_lens: KnownLens = UNKNOWN_LENS
     other_samples: tuple[FitSamples, ...] = ()

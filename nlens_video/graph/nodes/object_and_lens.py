@@ -106,8 +106,9 @@ class FitNode(Node):
         self, context: NodeContext, *, whole_plane: bool = True, anchor_weight: float = 0.1
     ) -> None:
         self._fit = FitLens(
-            whole_plane=whole_plane, anchor_weight=anchor_weight, region=context.fit_region
-        )
+            whole_plane=whole_plane, anchor_weight=anchor_weight, region=context.fit_region,
+            network=context.read_lens,
+        )  # fmt: skip
         self._known, self._unit_m = context.known_lens, context.unit_m
         self._with_tags = context.known_lens.completed_by(context.tagged_lens)
         self._others, self.search = context.other_samples, context.lens_search
@@ -146,7 +147,7 @@ class FitNode(Node):
             found = fit_with_known(
                 lambda lens: self._fit(
                     plate_coc, ground, frame.index, lens, self._others,
-                    with_texture=lens_before is None,  # a stream in motion does not wait for it
+                    with_whole_ground=lens_before is None,  # a stream does not wait for it again
                 ),
                 known, with_tags, size, frame.index,
             )  # fmt: skip

@@ -14,12 +14,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec import Struct
 from msgspec.structs import replace
 
 from nlens_video.core.layers import Float32, Float64
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.texture.candidates import Candidate, Lens, find_candidates
+from nlens_video.stages.texture.ground_lens import GroundLens
 from nlens_video.stages.texture.solver import SOFTNESS, USUAL_SOFTNESS_PX
 from nlens_video.stages.texture.spectra import Part, fall_of_the_finest, ground_spectra
 
@@ -41,35 +41,10 @@ _GAIN, _SOFTNESS = 0.07, 2.5  # of the gains, and of the softness in its own, th
 _LEVER = 0.5  # change of the disparity, by itself, over which the CoC errs by as much again
 
 
-class TextureLens(Struct, frozen=True, kw_only=True, eq=False):
-    """The lens model by the ground's texture.
-
-    Attributes:
-        slope: [px * scene unit].
-        intercept: [px].
-        covariance: of slope and intercept (2, 2).
-        unlikelier: than the likeliest: twice the difference of the logarithms, >= 0 [1].
-    """
-
-    slope: float
-    intercept: float
-    covariance: Float64
-    unlikelier: float = 0.0
-
-    def scaled(self, ratio: float) -> TextureLens:
-        """For a picture that is wider by a factor."""
-        return TextureLens(
-            slope=ratio * self.slope,
-            intercept=ratio * self.intercept,
-            covariance=ratio**2 * self.covariance,
-            unlikelier=self.unlikelier,
-        )
-
-
 def read_texture(
     luma: Float32, camera: Camera, ground_y: float, middle: float, begin: Sequence[Lens] = (),
     part: Part | None = None,
-) -> tuple[TextureLens, ...]:  # fmt: skip
+) -> tuple[GroundLens, ...]:  # fmt: skip
     """Lenses by which the texture of the ground may have been seen, the likeliest first.
 
     None where the picture shows little ground, contrasts that differ as those of a mirror do, noise
@@ -107,7 +82,7 @@ def read_texture(
         return ()
     to_scene = np.diag([1.0 / middle, 1.0])
     return tuple(
-        TextureLens(
+        GroundLens(
             slope=one.solution.unknown.slope / middle,
             intercept=one.solution.unknown.intercept,
             covariance=to_scene @ _stated_covariance(one) @ to_scene,

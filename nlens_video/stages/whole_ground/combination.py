@@ -1,4 +1,4 @@
-"""A lens by F's readings and the one by the ground's texture, combined by their errors."""
+"""A lens by F's readings and the one by the whole ground, combined by their errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from nlens_video.core.layers import Float64
 from nlens_video.core.lens_fit import LensFit, Sign
-from nlens_video.stages.texture.reading import TextureLens
+from nlens_video.stages.texture.ground_lens import GroundLens
 
 _CONFLICT = 9.0  # squared distance in errors from which on one of them is wrong
 _SHARP_PX = 1.0  # CoC below which either sign makes the same picture
@@ -25,18 +25,19 @@ class _Combined(Struct, frozen=True, eq=False):
     against: float
 
 
-def combined_with_texture(
-    fit: LensFit, textures: Sequence[TextureLens], middle: float
+def combined(
+    fit: LensFit, by_ground: Sequence[GroundLens], middle: float, source: str
 ) -> LensFit | None:
     """The lens by both, None where they contradict each other or no lens is between them.
 
-    Where the readings or the texture leave several lenses open, the two that agree best are
+    Where the readings or the ground leave several lenses open, the two that agree best are
     combined, and the others count as errors by their likelihood.
 
     Args:
         fit: by the readings.
-        textures: lenses by the texture, in pixels of the same frame.
+        by_ground: lenses by the whole ground, in pixels of the same frame.
         middle: disparity of the ground where the object stands [1 / scene unit].
+        source: of these lenses, in words.
     """
     lenses = [np.array([fit.slope, fit.intercept])]
     if fit.other is not None:
@@ -44,10 +45,14 @@ def combined_with_texture(
     own = _covariance(fit)
     pairs = [
         pair
-        for texture in textures
+        for one in by_ground
         for lens in lenses
-        if (pair := _combined(lens, own, texture)) is not None
+        if (pair := _combined(lens, own, one)) is not None
     ]
+    at_object = np.array([middle, 1.0])
+    if fit.sign == "assumed":  # the side is given
+        side = np.sign(lenses[0] @ at_object)
+        pairs = [pair for pair in pairs if np.sign(pair.lens @ at_object) == side]
     if not pairs:
         return None
     best = min(pairs, key=lambda pair: pair.against)
@@ -66,30 +71,31 @@ def combined_with_texture(
         correlation=float(covariance[0, 1] / max(errors[0] * errors[1], 1e-300)),
         readings_share=1.0,
         other=None,
-        method=f"{fit.method}, with the ground's texture",
+        method=f"{fit.method}, with {source}",
     )
     sign, margin = _sign(whole, fit, middle)
     if sign == "ambiguous":
-        side = np.sign(best.lens @ np.array([middle, 1.0]))
-        beyond = [lens for lens in lenses if np.sign(lens @ np.array([middle, 1.0])) != side]
+        side = np.sign(best.lens @ at_object)
+        ranked = [pair.lens for pair in sorted(pairs, key=lambda pair: pair.against)]
+        beyond = [lens for lens in (*ranked, *lenses) if np.sign(lens @ at_object) != side]
         if beyond:
             whole = replace(whole, other=(float(beyond[0][0]), float(beyond[0][1])))
     return replace(whole, sign=sign, sign_margin=margin)
 
 
-def _combined(lens: Float64, own: Float64, texture: TextureLens) -> _Combined | None:
-    """A lens by the readings and one by the texture, None where they are no lens together."""
-    of_texture = np.array([texture.slope, texture.intercept])
-    apart = lens - of_texture
-    distance = float(apart @ np.linalg.pinv(own + texture.covariance) @ apart)
+def _combined(lens: Float64, own: Float64, by_ground: GroundLens) -> _Combined | None:
+    """A lens by the readings and one by the ground, None where they are no lens together."""
+    other = np.array([by_ground.slope, by_ground.intercept])
+    apart = lens - other
+    distance = float(apart @ np.linalg.pinv(own + by_ground.covariance) @ apart)
     if distance > _CONFLICT:
         return None
-    of_readings, precision = np.linalg.pinv(own), np.linalg.pinv(texture.covariance)
+    of_readings, precision = np.linalg.pinv(own), np.linalg.pinv(by_ground.covariance)
     covariance = np.asarray(np.linalg.pinv(of_readings + precision))
-    whole = np.asarray(covariance @ (of_readings @ lens + precision @ of_texture))
+    whole = np.asarray(covariance @ (of_readings @ lens + precision @ other))
     if whole[0] <= 0.0 or whole[1] > 0.0:
         return None
-    return _Combined(whole, covariance, distance + texture.unlikelier)
+    return _Combined(whole, covariance, distance + by_ground.unlikelier)
 
 
 def _covariance(fit: LensFit) -> Float64:

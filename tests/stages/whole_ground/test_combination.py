@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from nlens_video.core.lens_fit import LensFit
-from nlens_video.stages.texture.combination import combined_with_texture
-from nlens_video.stages.texture.reading import TextureLens
+from nlens_video.stages.texture.ground_lens import GroundLens
+from nlens_video.stages.whole_ground.combination import combined
 
 MIDDLE = 0.5
 
@@ -25,7 +25,7 @@ def by_texture(slope=20.0, intercept=-16.0, error_px=0.5, unlikelier=0.0):
     to_intercept = np.array([[1.0, 0.0], [-MIDDLE, 1.0]])
     apart = np.diag([(error_px / (0.5 * MIDDLE)) ** 2, error_px**2])
     covariance = to_intercept @ apart @ to_intercept.T
-    return TextureLens(
+    return GroundLens(
         slope=slope, intercept=intercept, covariance=covariance, unlikelier=unlikelier
     )
 
@@ -38,21 +38,21 @@ def coc(fit, at=MIDDLE):
 def test_two_that_agree_are_surer_than_each(slope, focus):
     lens = slope, -slope * focus
     fit, texture = by_readings(*lens), by_texture(*lens)
-    both = combined_with_texture(fit, [texture], MIDDLE)
+    both = combined(fit, [texture], MIDDLE, "the texture")
     assert (both.slope, both.intercept) == pytest.approx(lens, abs=1e-6)
     assert both.coc_stderr_px(MIDDLE) <= min(0.5, fit.coc_stderr_px(MIDDLE)) + 1e-9
 
 
 def test_surer_of_two_counts_more():
     fit = by_readings(20.0, -16.0, slope_error=2.0, intercept_error=2.0)
-    both = combined_with_texture(fit, [by_texture(20.0, -14.0, error_px=0.5)], MIDDLE)
+    both = combined(fit, [by_texture(20.0, -14.0, error_px=0.5)], MIDDLE, "the texture")
     assert abs(coc(both) - -4.0) < abs(coc(both) - -6.0)
     assert -6.0 < coc(both) < -4.0
 
 
 def test_texture_that_contradicts_the_readings_is_left_out():
     fit = by_readings(20.0, -16.0, slope_error=1.0, intercept_error=0.5)
-    assert combined_with_texture(fit, [by_texture(40.0, -2.0)], MIDDLE) is None
+    assert combined(fit, [by_texture(40.0, -2.0)], MIDDLE, "the texture") is None
 
 
 def test_texture_chooses_between_the_lenses_that_the_readings_leave_open():
@@ -60,7 +60,7 @@ def test_texture_chooses_between_the_lenses_that_the_readings_leave_open():
         by_readings(20.0, -16.0, slope_error=4.0, intercept_error=2.0),
         sign="ambiguous", sign_margin=0.1, other=(20.0, -4.0),
     )  # fmt: skip
-    both = combined_with_texture(open_fit, [by_texture(21.0, -4.6)], MIDDLE)
+    both = combined(open_fit, [by_texture(21.0, -4.6)], MIDDLE, "the texture")
     assert coc(both) == pytest.approx(5.9, abs=0.4)
     assert both.sign == "resolved" and both.sign_margin > 1.0 and both.other is None
 
@@ -70,7 +70,7 @@ def test_sign_that_neither_tells_stays_open_with_both_lenses():
         by_readings(4.0, -4.0, slope_error=8.0, intercept_error=4.0),
         sign="ambiguous", sign_margin=0.0, other=(4.0, 0.0),
     )  # fmt: skip
-    both = combined_with_texture(open_fit, [by_texture(4.0, -4.0, error_px=3.0)], MIDDLE)
+    both = combined(open_fit, [by_texture(4.0, -4.0, error_px=3.0)], MIDDLE, "the texture")
     assert both.sign == "ambiguous"
     assert both.other == (4.0, 0.0)
 
@@ -79,22 +79,22 @@ def test_sign_that_neither_tells_stays_open_with_both_lenses():
 def test_sign_that_the_readings_resolve_stays_so_on_their_side(texture, sign):
     """The CoC by the readings is -6 px; by the texture it is -2 or 2.5 px."""
     fit = by_readings(20.0, -16.0, slope_error=9.0, intercept_error=2.0)
-    both = combined_with_texture(fit, [by_texture(20.0, texture, error_px=1.0)], MIDDLE)
+    both = combined(fit, [by_texture(20.0, texture, error_px=1.0)], MIDDLE, "the texture")
     assert both.sign == sign
 
 
 def test_preference_of_the_user_is_kept():
     chosen = replace(by_readings(), sign="assumed")
-    assert combined_with_texture(chosen, [by_texture()], MIDDLE).sign == "assumed"
+    assert combined(chosen, [by_texture()], MIDDLE, "the texture").sign == "assumed"
 
 
 def test_second_likely_lens_widens_the_error():
     fit = by_readings(slope_error=40.0, intercept_error=20.0)
     one = by_texture(20.0, -16.0)
-    alone = combined_with_texture(fit, [one], MIDDLE)
+    alone = combined(fit, [one], MIDDLE, "the texture")
     for unlikelier, widened in ((0.5, True), (40.0, False)):
         other = by_texture(20.0, -12.0, unlikelier=unlikelier)
-        both = combined_with_texture(fit, [one, other], MIDDLE)
+        both = combined(fit, [one, other], MIDDLE, "the texture")
         wider = both.coc_stderr_px(MIDDLE) > 1.5 * alone.coc_stderr_px(MIDDLE)
         assert wider == widened
 
@@ -102,7 +102,7 @@ def test_second_likely_lens_widens_the_error():
 @pytest.mark.parametrize("texture", [by_texture(1e-9, -3.0), by_texture(20.0, 0.0)])
 def test_combination_is_a_lens_or_none(texture):
     fit = by_readings(1e-6, 0.0, slope_error=3.0, intercept_error=3.0)
-    both = combined_with_texture(fit, [texture], MIDDLE)
+    both = combined(fit, [texture], MIDDLE, "the texture")
     assert both is None or (both.slope > 0.0 and both.intercept <= 0.0)
 
 
@@ -112,12 +112,12 @@ def test_any_errors_and_units_give_finite_numbers(scale, error, texture_error):
     lens = by_texture(error_px=texture_error)
     to_unit = np.diag([scale, 1.0])
     covariance = to_unit @ lens.covariance @ to_unit
-    texture = TextureLens(slope=20.0 * scale, intercept=-16.0, covariance=covariance)
-    both = combined_with_texture(fit, [texture], MIDDLE / scale)
+    texture = GroundLens(slope=20.0 * scale, intercept=-16.0, covariance=covariance)
+    both = combined(fit, [texture], MIDDLE / scale, "the texture")
     if both is not None:
         assert np.isfinite([both.slope, both.intercept, both.slope_stderr, both.correlation]).all()
         assert abs(both.correlation) <= 1.0 + 1e-6
 
 
 def test_no_texture_gives_no_combination():
-    assert combined_with_texture(by_readings(), [], MIDDLE) is None
+    assert combined(by_readings(), [], MIDDLE, "the texture") is None

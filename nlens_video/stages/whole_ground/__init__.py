@@ -1,0 +1,1 @@
+"""The lens read off the whole ground at once by a network."""
