@@ -24,6 +24,7 @@ from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import CocMap, Float64
 from nlens_video.core.lens_fit import LensFit, Sign
 from nlens_video.core.placement import Region
+from nlens_video.stages.f_coc import LARGEST_COC_PX
 from nlens_video.stages.p_projection import GroundProjection, ground_visibility
 from nlens_video.stages.r_robust_v import INDEPENDENT, VCandidate, VFit, add_unresolved_covariance
 from nlens_video.stages.r_samples import (
@@ -38,6 +39,7 @@ from nlens_video.stages.whole_ground.network_reading import LensNetwork
 
 RESOLVED_MARGIN = 0.5  # above 1 never wrong on 135 rendered plates, below 1 in four of ten
 UNSURE_PX = 8.0  # an expected error above this, and above the estimate itself, is no evidence
+_FLAT = 0.9  # of the largest CoC: an expected error beyond it is that of a plain area
 _AGREEING = 0.25  # of the footprint, left by the loss: half of it or more is off by two errors
 _FIRM_ANCHOR = 1.0  # the footprint against the rest, where it has been outvoted
 
@@ -95,7 +97,8 @@ class FitLens(Struct, frozen=True, kw_only=True):
         if with_whole_ground and self.whole_plane:
             both = combined_with_ground(
                 found.fit, coc, ground.camera, ground.ground_y, samples.middle,
-                known=known, network=self.network, within=self._within(),
+                known=known, network=None if _flat(coc, samples) else self.network,
+                within=self._within(),
             )  # fmt: skip
             if both is not None and _tells(both, both.coc_stderr_px(samples.middle), samples):
                 return replace(found, fit=both)
@@ -251,12 +254,23 @@ def _tells(fit: LensFit, error: float | Float64, samples: FitSamples) -> bool:
     return bool(error <= max(3.0, 0.5 * abs(fit.slope * samples.middle + fit.intercept)))
 
 
+def _expected_px(samples: FitSamples) -> float:
+    """Expected error of the readings where the object stands [px]."""
+    use = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
+    return float(np.median(samples.sigma_px[use]))
+
+
+def _flat(coc: CocMap, samples: FitSamples) -> bool:
+    """Whether the plate has no contrast, of which a blur could be read, where the object stands."""
+    width = coc.coc_px.shape[1] if coc.luma is None else coc.luma.shape[1]
+    largest = LARGEST_COC_PX * coc.coc_px.shape[1] / width
+    return bool(_expected_px(samples) > _FLAT * largest)
+
+
 def _check(fit: LensFit, readings: Float64, samples: FitSamples) -> None:
     """Refuse a fit on readings that do not determine the blur where the object stands."""
-    use = samples.anchor if samples.anchor.any() else np.ones_like(samples.anchor)
-    error = _error(readings, samples.middle)
+    error, expected = _error(readings, samples.middle), _expected_px(samples)
     blur = abs(fit.slope * samples.middle + fit.intercept)
-    expected = float(np.median(samples.sigma_px[use]))
     unsure = expected > max(UNSURE_PX, blur)
     if unsure or fit.inlier_fraction < 0.1 or not _tells(fit, error, samples):
         raise LensFitError(

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from support.textured_ground import camera, filmed, texture
 
+from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import UNKNOWN_LENS, Expected, LensPrior
 from nlens_video.core.layers import CocMap
 from nlens_video.core.placement import Region
+from nlens_video.stages.f_coc import LARGEST_COC_PX
 from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens
 from nlens_video.stages.whole_ground.patches import reading_cells
@@ -143,6 +145,16 @@ def test_network_is_not_asked_where_the_texture_tells_the_lens():
     network = Network(ground)
     fit = fitted(readings(0.5, 0.7, filmed(texture(1), TRUTH, seen_by)), network)
     assert not network.asked and fit.method.endswith("with the ground's texture")
+
+
+def test_network_is_not_asked_about_a_plain_ground():
+    """F states its largest CoC as the error where a picture has no contrast."""
+    seen_by, ground = scene()
+    luma = np.full((seen_by.height, seen_by.width), 0.5, np.float32)
+    network = Network(ground)
+    with pytest.raises(LensFitError):
+        fitted(readings(1.5, LARGEST_COC_PX, luma), network)
+    assert not network.asked
 
 
 def test_network_sees_the_region_alone():
