@@ -24,9 +24,7 @@ _DepthOrder = Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]
 _SunReader = Callable[[Picture, Camera, float], PlateSun | None]
 
 
-def lazy_depth_order(
-    pixel_aspect: float, device: DeviceChoice
-) -> Callable[[DefocusedLayer, BlurredLayer], BlurredLayer]:
+def lazy_depth_order(pixel_aspect: float, device: DeviceChoice) -> _DepthOrder:
     """Depth ordering at CoC discontinuities, set up by the first frame that has one.
 
     Args:
@@ -59,9 +57,7 @@ def lazy_depth_order(
     return repair
 
 
-def lazy_coc_estimator(
-    pixel_aspect: float, device: DeviceChoice
-) -> Callable[[Picture, Sequence[Picture]], CocMap]:
+def lazy_coc_estimator(pixel_aspect: float, device: DeviceChoice) -> _CocEstimator:
     """F, whose network is loaded by the first picture.
 
     Args:
