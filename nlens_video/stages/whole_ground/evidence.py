@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+import numpy as np
 from msgspec.structs import replace
 
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
@@ -22,6 +23,7 @@ SURE_PX = 1.0
 FASTEST = 6.0
 """Slope by the usual one beyond which a lens is not believed."""
 
+_SHARP = 0.96  # log(1 + CoC) up to which F cannot tell a blur from the softness of a lens
 _UNKNOWN_PX = 1e6  # standard error of a CoC that counts for nothing
 
 Within = Callable[[Float64, Float64], Bool]
@@ -70,6 +72,8 @@ def combined_with_ground(
     if found is not None or network is None or coc.cells is None:
         return found
     patches = ground_patches(coc.cells, (width, height), camera, ground_y, middle, part)
+    if len(patches.readings) and float(np.quantile(patches.readings[:, 0], 0.9)) < _SHARP:
+        return None
     lenses = [one.scaled(scale) for one in read_by_network(network, patches, middle)]
     counts = known.in_numbers or fit.sign == "assumed"
     own = fit if counts else _of_no_weight(fit, middle)
