@@ -71,7 +71,7 @@ def coc_error(fit, ground):
 
 def test_ground_without_noise_is_read_by_the_network():
     seen_by, ground = scene()
-    misled = readings(1.5, 4.0, smooth(seen_by))
+    misled = readings(2.5, 4.0, smooth(seen_by))
     alone, both = fitted(misled, None), fitted(misled, Network(ground))
     assert coc_error(alone, ground) > 2.0
     assert coc_error(both, ground) < 0.7
@@ -84,7 +84,7 @@ def test_network_stands_for_the_readings():
     """It has seen the same; how sure these are of another lens does not count."""
     seen_by, ground = scene()
     luma = smooth(seen_by)
-    one, other = (fitted(readings(1.5, sigma, luma), Network(ground)) for sigma in (1.5, 4.0))
+    one, other = (fitted(readings(2.5, sigma, luma), Network(ground)) for sigma in (1.5, 4.0))
     assert coc_error(one, ground) < 0.7
     assert (one.slope, one.intercept) == pytest.approx((other.slope, other.intercept), abs=1e-6)
 
@@ -94,7 +94,7 @@ def test_lens_that_is_given_counts_beside_the_network():
     luma, errors = smooth(seen_by), {}
     for slope_error in (0.2, 20.0):
         known = LensPrior(slope=Expected(1.5 * TRUTH[0], slope_error))
-        coc, network = readings(1.5, 4.0, luma), Network(ground, error=0.2)
+        coc, network = readings(2.5, 4.0, luma), Network(ground, error=0.2)
         fit = FitLens(network=network)(coc, ground, known=known).fit
         errors[slope_error] = abs(fit.slope - 1.5 * TRUTH[0])
     assert errors[0.2] < 1.0 < errors[20.0]
@@ -124,7 +124,7 @@ def test_other_lens_of_the_network_stays_open():
     network.answer = network.answer.copy()
     network.answer[:, :] = network.answer[0]
     network.answer[1, :2] = 0.8, -network.answer[0, 1]
-    fit = fitted(readings(1.5, 4.0, smooth(seen_by)), network)
+    fit = fitted(readings(2.5, 4.0, smooth(seen_by)), network)
     assert fit.sign == "ambiguous"
     one, other = (slope * there + of for slope, of in ((fit.slope, fit.intercept), fit.other))
     assert one == pytest.approx(-other, abs=0.2)
@@ -153,7 +153,7 @@ def test_network_is_not_asked_about_a_plain_ground():
     luma = np.full((seen_by.height, seen_by.width), 0.5, np.float32)
     network = Network(ground)
     with pytest.raises(LensFitError):
-        fitted(readings(1.5, LARGEST_COC_PX, luma), network)
+        fitted(readings(2.5, LARGEST_COC_PX, luma), network)
     assert not network.asked
 
 
@@ -161,14 +161,14 @@ def test_network_sees_the_region_alone():
     seen_by, ground = scene()
     left = Region(((0.0, 0.0), (0.5, 0.0), (0.5, 1.0), (0.0, 1.0)))
     network = Network(ground)
-    fitted(readings(1.5, 1.5, smooth(seen_by)), network, region=left)
+    fitted(readings(2.5, 1.5, smooth(seen_by)), network, region=left)
     (patches,) = network.asked
     assert (patches.places[:, 4] < 0.0).all()
 
 
 def test_maps_without_cells_are_fitted_by_the_readings():
     seen_by, ground = scene()
-    known = readings(1.5, 1.5, smooth(seen_by))
+    known = readings(2.5, 1.5, smooth(seen_by))
     bare = CocMap(coc_px=known.coc_px, sigma_px=known.sigma_px, luma=known.luma)
     network = Network(ground)
     assert fitted(bare, network) == fitted(known, None)
