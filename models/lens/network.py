@@ -1,8 +1,9 @@
 """The lens network: reads the lens model off all patches of the ground together.
 
 A patch alone does not tell a blurred surface from a soft one, nor grain from detail. All patches
-together tell more: the lens blurs them by their disparity, which the camera tells. So patches, with
-what F reads in each and where it lies, attend to each other, and two more tokens gather the answer.
+together tell more: the lens blurs them by their disparity, which the camera tells. So the patches,
+with what F reads in each and where it lies, attend to each other, and two query tokens gather the
+answer.
 """
 
 from __future__ import annotations
@@ -103,8 +104,8 @@ def told(lenses: Tensor) -> Tensor:
     return torch.cat([weight, lenses[..., 1:3], deviation, correlation], -1)
 
 
-def surprise(lenses: Tensor, truth: Tensor) -> Tensor:
-    """Negative log-likelihood (N,) of true lenses (N, 2) under the mixtures."""
+def negative_log_likelihood(lenses: Tensor, truth: Tensor) -> Tensor:
+    """That of true lenses (N, 2) under the mixtures (N,), without the constant log(2 pi)."""
     log_weight = F.log_softmax(lenses[..., 0], 1)
     plain = told(lenses)
     deviation, correlation = plain[..., 3:5], plain[..., 5]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -23,41 +24,65 @@ from models.coc.scene import MARGIN, SIZE
 from models.lens.data import readings_of
 from nlens_video.networks.model_store import find_model
 from nlens_video.networks.onnx_networks import OnnxCocNetwork
+from nlens_video.scene.camera import Camera
 from nlens_video.scene.scene import Scene
 
 FARTHEST = 0.3  # disparity, by that in the middle, beyond which no object is put
 COUNT = 12  # crops of a plate
 
 
-def plane_of(folder: Path, middle: tuple[float, float]) -> tuple[float, ...] | None:
+@dataclass(frozen=True, slots=True)
+class View:
+    """Camera and lens of a plate.
+
+    Attributes:
+        camera: in metres.
+        ground_y: height of the ground [m].
+        infinity_px: unsigned CoC diameter at infinity.
+        focus_m: distance in focus.
+    """
+
+    camera: Camera
+    ground_y: float
+    infinity_px: float
+    focus_m: float
+
+    @classmethod
+    def load(cls, folder: Path) -> View:
+        """Read a plate's folder."""
+        known = json.loads((folder / "params.json").read_text())
+        camera = Scene.load(folder / "object.glb").camera(0.0, *known["resolution"])
+        return cls(
+            camera, known["ground_plane_y_gltf"], known["coc_at_infinity_px"],
+            known["focus_distance_m"],
+        )  # fmt: skip
+
+
+def plane_of(view: View, middle: tuple[float, float]) -> tuple[float, ...] | None:
     """Numbers of a plate's ground and lens about a place of it [px], as in `Examples`.
 
     None where that place is no ground.
     """
-    known = json.loads((folder / "params.json").read_text())
-    width, height = known["resolution"]
-    camera = Scene.load(folder / "object.glb").camera(0.0, width, height)
     x, y = (np.array([at, at + 1.0]) for at in middle)
-    disparity = camera.disparity_at(x, y, known["ground_plane_y_gltf"])
+    disparity = view.camera.disparity_at(x, y, view.ground_y)
     at = float(disparity[0, 0])
     if at <= 0.0:
         return None
-    infinity = float(known["coc_at_infinity_px"])
-    slope = infinity * float(known["focus_distance_m"]) * at
+    slope = view.infinity_px * view.focus_m * at
     across, down = float(disparity[0, 1]) / at - 1.0, float(disparity[1, 0]) / at - 1.0
-    return across, down, slope, slope - infinity, FARTHEST
+    return across, down, slope, slope - view.infinity_px, FARTHEST
 
 
 def crops(
     folder: Path, rng: np.random.Generator
 ) -> Iterator[tuple[npt.NDArray[np.uint8], tuple[float, ...]]]:
     """Pictures (SIZE, SIZE, 3) of parts of a plate, half of them as footage, and their planes."""
-    plate = Plate.load(folder)
+    plate, view = Plate.load(folder), View.load(folder)
     for number in range(COUNT):
         top, left = (int(rng.integers(0, n - CROP + 1)) for n in plate.coc.shape)
         light = np.ascontiguousarray(plate.light[top : top + CROP, left : left + CROP])
         picture = (filmed, photographed)[number % 2](rng, light)
-        plane = plane_of(folder, (left + 0.5 * SIZE, top + 0.5 * SIZE))
+        plane = plane_of(view, (left + 0.5 * SIZE, top + 0.5 * SIZE))
         if plane is not None:
             yield picture[MARGIN : MARGIN + SIZE, MARGIN : MARGIN + SIZE], plane
 

@@ -17,11 +17,10 @@ from torch import Tensor
 
 from models.coc.scene import MAX_COC_PX, SIZE
 from models.lens.data import Examples
-from models.lens.network import LensNet, surprise
+from models.lens.network import LensNet, negative_log_likelihood
 from models.training import Schedule, TrainingRun, arguments, train
-from nlens_video.stages.whole_ground.patches import patch_middles, places
+from nlens_video.stages.whole_ground.patches import FARTHEST_SHARE, patch_middles, places
 
-FARTHEST_SHARE = 0.02  # as where patches are read
 SLIGHTEST_SLOPE = 0.05  # [px]
 LEAVING_OUT_SHARE, UPPER_LEFT_OUT_SHARE = 0.5, 0.15
 PATCHES_WEIGHT = 0.3
@@ -100,11 +99,11 @@ def drawn(
 
 
 def losses(network: LensNet, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
-    """Surprise at each lens (N,), the mean one at the CoC of patches, and the answers."""
+    """Negative log-likelihood of each lens (N,), the mean of patches, and the answers."""
     lenses, of_patch = network.with_patches(batch.readings, batch.places, batch.used)
     log_coc, log_scale = of_patch.unbind(-1)
     at_patch = (log_coc - batch.log_coc).abs() * torch.exp(-log_scale) + log_scale
-    return surprise(lenses, batch.lens), at_patch[batch.used].mean(), lenses
+    return negative_log_likelihood(lenses, batch.lens), at_patch[batch.used].mean(), lenses
 
 
 class Run(TrainingRun):
@@ -117,7 +116,7 @@ class Run(TrainingRun):
         return LensNet()
 
     def loss(self, data: Examples) -> tuple[Tensor, float]:
-        """Loss of a batch, and its mean surprise."""
+        """Loss of a batch, and the mean negative log-likelihood of its lenses."""
         count = len(data.planes)
         picked = self.rng.integers(count - data.rendered, size=self.recipe.batch)
         if data.rendered:
@@ -137,18 +136,18 @@ def normalise(network: LensNet, examples: Examples) -> None:
 def validate(network: LensNet, examples: Examples) -> dict[str, float]:
     """Figures on examples that are held out."""
     rng = np.random.default_rng(0)
-    surprises, errors = [], []
+    likelihoods, errors = [], []
     with torch.inference_mode():
         for first in range(0, len(examples.planes), CHECKED):
             picked = np.arange(first, min(first + CHECKED, len(examples.planes)))
             batch = drawn(examples, picked, rng, varied=False)
             at_lens, _, lenses = losses(network, batch)
             likeliest = lenses[torch.arange(len(lenses)), lenses[..., 0].argmax(1)]
-            surprises.append(at_lens)
+            likelihoods.append(at_lens)
             errors.append(2 * (torch.sinh(likeliest[:, 1]) - torch.sinh(batch.lens[:, 0])).abs())
     error = torch.cat(errors)
     return {
-        "held_out_surprise": round(float(torch.cat(surprises).mean()), 4),
+        "held_out_nll": round(float(torch.cat(likelihoods).mean()), 4),
         "held_out_mean_px": round(float(error.mean()), 3),
         "held_out_median_px": round(float(error.median()), 3),
         "held_out_within_1_px": round(float((error <= 1.0).float().mean()), 3),
@@ -170,7 +169,7 @@ def main() -> None:
             normalise(network, examples)
     train(
         run, examples, options, lambda: validate(run.average, held_out),
-        figure=("train_surprise", 4), shown=lambda value: f"surprise {value:.3f}",
+        figure=("train_nll", 4), shown=lambda value: f"nll {value:.3f}",
         check_every_s=120.0,
     )  # fmt: skip
 

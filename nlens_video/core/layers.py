@@ -132,9 +132,9 @@ class CocMap(Struct, frozen=True, kw_only=True):
         prior: training prior towards which uncertain estimates shrink, None without one.
         luma: of the picture that was read, at the size at which it was (h, w), display-coded, None
             where it is not at hand [code value, 0 to 1].
-        cells: means over squares of that picture of log(1 + CoC) without unit, of its square and of
-            log(sigma / (1 + CoC)), in pixels of that picture (rows, columns, 3), perhaps of a
-            margin below and on the right too; None where they are not at hand.
+        cells: means over squares of 16 px of that picture of log(1 + CoC), of its square and of
+            log(sigma / (1 + CoC)), CoC and sigma in its pixels (rows, columns, 3), perhaps with a
+            margin below and on the right; None where they are not at hand.
     """
 
     coc_px: Float32

@@ -3,27 +3,17 @@
 import cv2
 import numpy as np
 import pytest
-from support.textured_ground import camera, filmed, texture
+from support.textured_ground import filmed, scene, texture
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import UNKNOWN_LENS, Expected, LensPrior
 from nlens_video.core.layers import CocMap
 from nlens_video.core.placement import Region
 from nlens_video.stages.f_coc import LARGEST_COC_PX
-from nlens_video.stages.p_projection import project_to_ground
 from nlens_video.stages.r_regression import FitLens
 from nlens_video.stages.whole_ground.patches import reading_cells
 
 TRUTH = (20.0, -14.0)
-
-
-def scene():
-    """A camera, and the footprint of a box in the middle of its frame."""
-    seen_by = camera()
-    at = np.array([[0.5 * seen_by.width, 0.5 * seen_by.height]])
-    place = seen_by.ground_seen_at(at, 0.0)[0][0]
-    corners = place + 0.15 * np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
-    return seen_by, project_to_ground(corners[[[0, 1, 2], [0, 2, 3]]], seen_by, 0.0)
 
 
 def readings(coc_px, sigma_px, luma):
@@ -155,6 +145,14 @@ def test_network_is_not_asked_about_a_plain_ground():
     with pytest.raises(LensFitError):
         fitted(readings(2.5, LARGEST_COC_PX, luma), network)
     assert not network.asked
+
+
+def test_network_is_not_asked_about_a_ground_that_reads_as_sharp_all_over():
+    """As pure noise does; F cannot tell such a blur from the softness of a lens."""
+    seen_by, ground = scene()
+    network = Network(ground)
+    fit = fitted(readings(1.2, 4.0, smooth(seen_by)), network)
+    assert not network.asked and "network" not in fit.method
 
 
 def test_network_sees_the_region_alone():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.textured_ground import camera, filmed, texture
+from support.textured_ground import camera, filmed, scene, texture
 
 from nlens_video.core.errors import LensFitError
 from nlens_video.core.known_lens import UNKNOWN_LENS, LensPrior
@@ -13,15 +13,6 @@ from nlens_video.stages.r_regression import FitLens
 from nlens_video.stages.whole_ground.evidence import SURE_PX
 
 TRUTH = (20.0, -14.0)
-
-
-def scene():
-    """A camera, and the footprint of a box in the middle of its frame."""
-    seen_by = camera()
-    at = np.array([[0.5 * seen_by.width, 0.5 * seen_by.height]])
-    place = seen_by.ground_seen_at(at, 0.0)[0][0]
-    corners = place + 0.15 * np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
-    return seen_by, project_to_ground(corners[[[0, 1, 2], [0, 2, 3]]], seen_by, 0.0)
 
 
 def readings(coc_px, sigma_px, luma):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from nlens_video.scene.camera import Camera
+from nlens_video.stages.p_projection import project_to_ground
 
 WIDTH, HEIGHT = 640, 400
 EYE_M = 1.2
@@ -19,6 +20,15 @@ def camera(pitch_degrees=30.0, width=WIDTH, height=HEIGHT, unit_m=1.0):
     pose[1:3, 1:3] = [[math.cos(pitch), -math.sin(pitch)], [math.sin(pitch), math.cos(pitch)]]
     pose[1, 3] = EYE_M / unit_m
     return Camera.from_yfov(pose, 0.5, width, height)
+
+
+def scene():
+    """A camera, and the footprint of a box in the middle of its frame."""
+    seen_by = camera()
+    at = np.array([[0.5 * seen_by.width, 0.5 * seen_by.height]])
+    place = seen_by.ground_seen_at(at, 0.0)[0][0]
+    corners = place + 0.15 * np.array([[-1, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
+    return seen_by, project_to_ground(corners[[[0, 1, 2], [0, 2, 3]]], seen_by, 0.0)
 
 
 def texture(seed, finest_m=0.0, roughness=1.0, side=2048):

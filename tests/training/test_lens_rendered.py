@@ -44,11 +44,11 @@ def _samples_on_the_path(monkeypatch):
 
 
 def test_plane_about_a_place_tells_the_coc_of_the_ground_around(plate):
-    from models.lens.rendered import plane_of
+    from models.lens.rendered import View, plane_of
     from nlens_video.scene.scene import Scene
 
     middle = 400.0, 430.0
-    across, down, slope, offset, _ = plane_of(plate, middle)
+    across, down, slope, offset, _ = plane_of(View.load(plate), middle)
     camera = Scene.load(plate / "object.glb").camera(0.0, *SIZE)
     for x, y in ((400.0, 430.0), (150.0, 560.0), (700.0, 300.0)):
         disparity = camera.disparity_at(np.array([x]), np.array([y]), 0.0)[0, 0]
@@ -58,9 +58,9 @@ def test_plane_about_a_place_tells_the_coc_of_the_ground_around(plate):
 
 
 def test_place_above_the_horizon_is_no_ground(plate):
-    from models.lens.rendered import plane_of
+    from models.lens.rendered import View, plane_of
 
-    assert plane_of(plate, (400.0, -400.0)) is None
+    assert plane_of(View.load(plate), (400.0, -400.0)) is None
 
 
 @pytest.mark.needs_torch

@@ -83,17 +83,19 @@ def test_places_of_the_training_are_those_of_a_run():
     np.testing.assert_allclose(found.places, batch.places[0].numpy()[used], atol=1e-3)
 
 
-def test_surprise_is_that_of_a_probability():
+def test_likelihood_is_that_of_a_probability():
     import torch
 
-    from models.lens.network import surprise
+    from models.lens.network import negative_log_likelihood
     from nlens_video.stages.whole_ground.network_reading import CANDIDATES, NUMBERS
 
     torch.manual_seed(1)
     lenses = torch.randn(1, CANDIDATES, NUMBERS).double()
     side = torch.linspace(-30.0, 30.0, 1501, dtype=torch.float64)
     grid = torch.cartesian_prod(side, side)
-    log_density = -surprise(lenses.expand(len(grid), -1, -1), grid) - np.log(2.0 * np.pi)
+    log_density = -negative_log_likelihood(lenses.expand(len(grid), -1, -1), grid) - np.log(
+        2.0 * np.pi
+    )
     whole = float(torch.exp(log_density).sum() * (side[1] - side[0]) ** 2)
     assert whole == pytest.approx(1.0, abs=2e-3)
 

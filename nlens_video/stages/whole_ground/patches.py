@@ -22,8 +22,9 @@ READINGS = 3
 """Numbers that tell what F reads in a patch."""
 PLACE = 6
 """Numbers that tell where a patch lies; see `places`."""
-_UNIT_PX = 256.0
-_FARTHEST_SHARE = 0.02  # ground farther than 1 / this times the object's distance is left out
+FARTHEST_SHARE = 0.02
+"""Disparity, by the object's, below which ground is too far away to be read."""
+_UNIT_PX = 256.0  # of places in the picture
 
 
 class Patches(Struct, frozen=True, kw_only=True, eq=False):
@@ -46,7 +47,7 @@ def ground_patches(
 
     Args:
         cells: F's readings as of a `CocMap` (rows, columns, READINGS).
-        size: columns and rows of the picture, without that margin [px].
+        size: columns and rows of the picture, without the margin of the cells [px].
         camera: of a picture of that size.
         ground_y: height of the ground [scene unit].
         middle: disparity of the ground where the object stands [1 / scene unit].
@@ -56,7 +57,7 @@ def ground_patches(
     readings = patch_readings(cells[: height // CELL_PX, : width // CELL_PX])
     x, y = patch_middles(width, height)
     disparity = camera.disparity_at(x, y, ground_y)
-    seen = disparity > _FARTHEST_SHARE * middle
+    seen = disparity > FARTHEST_SHARE * middle
     if part is not None:
         seen &= part(*np.meshgrid(x, y))
     ends = camera.disparity_at(np.array([0.0, 1.0]), np.array([0.0, 1.0]), ground_y)
@@ -80,8 +81,8 @@ def reading_cells(coc: CocMap, width: int) -> Float32 | None:
     if side * width != CELL_PX * columns:
         return None
     used = np.s_[: rows // side * side, : columns // side * side]
-    beside = 1.0 + coc.coc_px[used]
-    log_coc, log_scale = np.log(beside), np.log(coc.sigma_px[used] / beside)
+    log_coc = np.log1p(coc.coc_px[used])
+    log_scale = np.log(coc.sigma_px[used]) - log_coc
     values = np.stack([log_coc, np.square(log_coc), log_scale], axis=-1)
     cells = values.reshape(rows // side, side, columns // side, side, READINGS)
     return np.asarray(cells.mean(axis=(1, 3)), np.float32)
