@@ -100,6 +100,20 @@ class LensPrior(Struct, frozen=True, kw_only=True):
         """Whether it is a lens by itself."""
         return self.slope is not None and self.focus is not None
 
+    def equations(self, slope: float) -> list[tuple[float, float, float]]:
+        """What is known as equations: factors of slope and intercept, and the right side.
+
+        Each has unit error; that of the focus is taken at a slope > 0 [px * scene unit].
+        """
+        told = []
+        if (one := self.slope) is not None:
+            told.append((1.0 / one.error, 0.0, one.value / one.error))
+        if (one := self.focus) is not None:
+            told.append((one.value / (slope * one.error), 1.0 / (slope * one.error), 0.0))
+        if (one := self.intercept) is not None:
+            told.append((0.0, 1.0 / one.error, one.value / one.error))
+        return told
+
 
 NO_PRIOR = LensPrior()
 

@@ -17,7 +17,7 @@ from nlens_video.core.lens_fit import LensFit
 from nlens_video.graph.base.live_lens import LiveLens
 from nlens_video.graph.base.node import LANES, Lane, Node
 from nlens_video.graph.base.profiler import FrameTiming, Profiler, Summary
-from nlens_video.graph.base.values import FrameValues, ShotValues
+from nlens_video.graph.base.values import FramesFitted, FrameValues, ShotValues
 from nlens_video.graph.builder import Graph
 from nlens_video.graph.camera_zoom import CameraZoom
 from nlens_video.graph.scheduler import Worker
@@ -189,12 +189,13 @@ class GraphExecutor:
         state.values.drop_maps()
         return state
 
-    def find_lens(self, state: FrameState) -> LensFit | None:
-        """Fit the lens on one frame again; None where the object is out of view.
+    def find_lens(self, state: FrameState, frames: FramesFitted = "one") -> LensFit | None:
+        """Fit the lens on a frame again; None where the object is out of view.
 
         Raises:
             LensFitError: the frame gives no usable fit.
         """
+        state.values.frames_fitted = frames
         for node in self.graph.find_lens:
             if node.runs_on(state.values):
                 self._write(state, node, self._timed(state, node))
@@ -246,7 +247,7 @@ class GraphExecutor:
             again = self.begin_frame(state.frame)
             again.values.lens_before = self.fit
             with suppress(LensFitError):  # no usable fit on this frame: the lens stays
-                if (fit := self.find_lens(again)) is not None:
+                if (fit := self.find_lens(again, "several")) is not None:
                     live.found(fit)
         if (moved := live.step(index)) is not None:
             state.values.fit = self.fit = moved

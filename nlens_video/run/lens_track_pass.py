@@ -231,7 +231,7 @@ def _keyframes(settings: Settings, requests: list[FitRequest]) -> Iterator[Keyfr
             state = executor.begin_frame(item)
             shot = wanted[item.index].shot
             try:
-                fit = executor.find_lens(state)
+                fit = executor.find_lens(state, "several")
             except LensFitError:
                 continue
             finally:

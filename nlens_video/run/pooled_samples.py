@@ -84,7 +84,7 @@ def samples_of_other_frames(settings: Settings) -> tuple[FitSamples, ...]:
             signals.check()
             state = executor.begin_frame(item)
             with suppress(LensFitError):
-                executor.find_lens(state)
+                executor.find_lens(state, "several")
                 lens = state.values.found_lens
                 if lens is not None and lens.regression is not None:
                     found.append(lens.regression.samples)

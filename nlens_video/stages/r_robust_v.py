@@ -127,29 +127,10 @@ class VFit(Struct, frozen=True):
         meat = scores.T @ scores + _PRIOR_SHARE * prior
         shared = np.linalg.pinv(design.T @ (design * weight[:, None]) + prior) / independent
         covariance = (bread @ meat @ bread + shared) / np.outer(scale, scale)
-        rows, _ = self._known_rows(lens)
+        rows = np.array(self.known.equations(lens.slope)).reshape(-1, 3)[:, :2]
         if not len(rows):
             return np.asarray(covariance)
         return np.asarray(np.linalg.pinv(np.linalg.pinv(covariance) + rows.T @ rows))
-
-    def _known_rows(self, lens: VCandidate) -> tuple[Float64, Float64]:
-        """What is known beforehand as equations of (slope, intercept), each of unit error.
-
-        Returns:
-            Left sides (M, 2) and right sides (M,); the focus is taken at the slope of `lens`.
-        """
-        left, right = [], []
-        if (slope := self.known.slope) is not None:
-            left.append((1.0 / slope.error, 0.0))
-            right.append(slope.value / slope.error)
-        if (focus := self.known.focus) is not None:
-            error = lens.slope * focus.error
-            left.append((focus.value / error, 1.0 / error))
-            right.append(0.0)
-        if (intercept := self.known.intercept) is not None:
-            left.append((0.0, 1.0 / intercept.error))
-            right.append(intercept.value / intercept.error)
-        return np.array(left).reshape(-1, 2), np.array(right)
 
     def _within(self, low: float, high: float) -> VCandidate | None:
         """The best candidate with its focus between two disparities."""
@@ -235,7 +216,8 @@ class VFit(Struct, frozen=True):
     def _least_squares(self, lens: VCandidate, weight: Float64) -> VCandidate | None:
         """Weighted least squares on the arms of the V on which a candidate puts the samples."""
         design = self._design(lens)
-        rows, told = self._known_rows(lens)
+        known = np.array(self.known.equations(lens.slope)).reshape(-1, 3)
+        rows, told = known[:, :2], known[:, 2]
         normal = design.T @ (design * weight[:, None]) + rows.T @ rows / INDEPENDENT
         normal[1, 1] += _PRIOR_SHARE / self.infinity_px**2
         right = design.T @ (weight * self.coc_px) + rows.T @ told / INDEPENDENT

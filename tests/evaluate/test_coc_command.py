@@ -79,7 +79,8 @@ def test_best_factor_never_increases_the_error(measured):
 @pytest.mark.slow
 def test_every_ablation_and_condition_is_evaluated_on_every_plate(measured):
     assert list(summary(measured, "ablations")) == [
-        "shipped", "no texture", "no confidence", "no V-fit (the paper's line)", "footprint only",
+        "shipped", "readings alone", "no lens network", "no confidence",
+        "no V-fit (the paper's line)", "footprint only",
         "no confidence, Zhuo & Sim 2011, re-blur ratio", "no confidence, Zhuo & Sim 2011, matting",
     ]  # fmt: skip
     assert list(summary(measured, "conditions")) == [

@@ -100,11 +100,14 @@ def test_side_that_is_given_stays(prefer):
         for network in (None, Network(ground))
     )
     there = float(np.median(ground.disparity[ground.mask]))
-    side, kept = (np.sign(fit.slope * there + fit.intercept) for fit in (alone, both))
+    side, coc = (fit.slope * there + fit.intercept for fit in (alone, both))
     assert alone.sign == both.sign == "assumed"
-    assert side == kept
-    # the network's lens lies on the far side
-    assert both.method.endswith("with the lens network") == (prefer == "far" or side < 0)
+    assert both.method.endswith("with the lens network")
+    assert np.sign(side) == (-1.0 if prefer == "near" else 1.0)
+    if prefer == "near":  # the network's first lens focuses before the object, the second on it
+        assert coc == pytest.approx(TRUTH[0] * there + TRUTH[1], abs=0.3)
+    else:
+        assert coc == pytest.approx(0.0, abs=0.1)
 
 
 def test_other_lens_of_the_network_stays_open():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from msgspec import Struct
 
@@ -31,6 +31,12 @@ if TYPE_CHECKING:
     from nlens_video.stages.r_regression import Regression
     from nlens_video.video.info import SourceFrame
 
+FramesFitted = Literal["one", "several"]
+"""Whether the lens of a frame is taken as it is, or compared with those of other frames.
+
+It is then read off each frame in the same way, by the readings alone.
+"""
+
 
 class FoundLens(Struct, frozen=True, kw_only=True):
     """R's result on one frame.
@@ -57,6 +63,7 @@ class FrameValues:
             given.
         following: pictures of later frames, where the source can be read ahead; given.
         lens_before: the lens so far, on a frame of a stream whose blur differs from it; given.
+        frames_fitted: whether the lens is that of this frame, or of several that agree; given.
         fit: linear lens model coc_px = slope * disparity + intercept; given, or from `found_lens`.
         plate_light: lighting of the object, estimated from the plate.
         bounds: time, camera, screen bounds and depth range of the object.
@@ -85,6 +92,7 @@ class FrameValues:
     frame_box: Box
     following: tuple[Picture, ...] | None = None
     lens_before: LensFit | None = None
+    frames_fitted: FramesFitted = "one"
     fit: LensFit | None = None
     plate_light: Illumination | None = None
     bounds: ScreenBounds | None = None
@@ -134,5 +142,5 @@ class ShotValues:
 
 MAPS = ("plate_coc", "ground")
 """Ports that hold maps of the size of the frame, from which the lens is found."""
-GIVEN = ("frame", "picture", "frame_box", "following", "lens_before", "fit")
+GIVEN = ("frame", "picture", "frame_box", "following", "lens_before", "frames_fitted", "fit")
 """Ports with a value before the first node runs."""

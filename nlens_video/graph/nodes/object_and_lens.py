@@ -12,7 +12,7 @@ from nlens_video.core.known_lens import UNKNOWN_LENS, KnownLens
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.effects.planner import DEFOCUS, SELF_SHADOW
 from nlens_video.graph.base.node import IN_FRAME, Node, Unavailable
-from nlens_video.graph.base.values import FoundLens
+from nlens_video.graph.base.values import FoundLens, FramesFitted
 from nlens_video.graph.nodes.known_lens_fit import fit_with_known
 from nlens_video.stages.p_projection import GroundProjection, project_to_ground
 from nlens_video.stages.r_regression import FitLens
@@ -131,6 +131,7 @@ class FitNode(Node):
         frame: SourceFrame,
         bounds: ScreenBounds,
         lens_before: LensFit | None,
+        frames_fitted: FramesFitted,
     ) -> FoundLens | None:
         camera = bounds.camera
         given = [self._known, self._with_tags]
@@ -147,7 +148,7 @@ class FitNode(Node):
             found = fit_with_known(
                 lambda lens: self._fit(
                     plate_coc, ground, frame.index, lens, self._others,
-                    with_whole_ground=lens_before is None,  # a stream does not wait for it again
+                    with_whole_ground=frames_fitted == "one",
                 ),
                 known, with_tags, size, frame.index,
             )  # fmt: skip
@@ -217,7 +218,9 @@ def constant_fit(coc: CocMap, ground: GroundProjection, frame: int = 0) -> LensF
 def _warning(fit: LensFit, ground: GroundProjection) -> str:
     """A warning about a fit that may be wrong, empty for a sound one."""
     if not fit.depends_on_depth:
-        if fit.readings_share < _SURE_SHARE:
+        there = fit.object_disparity
+        nothing_told = fit.coc_stderr_px(there) > max(1.0, abs(fit.slope * there + fit.intercept))
+        if nothing_told or fit.readings_share < _SURE_SHARE:
             return (
                 "the ground reads about alike at all depths; noise, fine grain or a mirror may "
                 "hide its blur: look whether the object's fits, else give --lens"

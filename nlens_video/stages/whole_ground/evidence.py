@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from msgspec.structs import replace
 
 from nlens_video.core.known_lens import NO_PRIOR, LensPrior
 from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.texture.reading import read_texture
-from nlens_video.stages.whole_ground.combination import combined
+from nlens_video.stages.whole_ground.combination import combined, lens_beforehand, lenses_of
 from nlens_video.stages.whole_ground.network_reading import LensNetwork, read_by_network
 from nlens_video.stages.whole_ground.patches import ground_patches
 
@@ -24,7 +23,6 @@ FASTEST = 6.0
 """Slope by the usual one beyond which a lens is not believed."""
 
 _SHARP = 0.96  # log(1 + CoC) up to which F cannot tell a blur from the softness of a lens
-_UNKNOWN_PX = 1e6  # standard error of a CoC that counts for nothing
 
 Within = Callable[[Float64, Float64], Bool]
 """Whether places, columns and rows by the frame's size, lie in a part of the frame."""
@@ -38,7 +36,8 @@ def combined_with_ground(
     """A fit by F's readings combined with what the whole ground tells, by their errors.
 
     That is the lens by its texture. Where that tells none, as in footage, it is the one by a
-    network, which stands for F's readings: it has seen the same.
+    network, which stands for F's readings: it has seen the same. It is combined with what is known
+    beforehand.
 
     Args:
         fit: by the readings.
@@ -61,28 +60,17 @@ def combined_with_ground(
         return None
     camera = camera.resized(width, height)
     part = None if within is None else lambda x, y: within(x / width, y / height)
-    begin = [(fit.slope / scale, fit.intercept / scale)]
-    if fit.other is not None:
-        begin.append((fit.other[0] / scale, fit.other[1] / scale))
+    own = lenses_of(fit)
+    begin = [(lens.slope / scale, lens.intercept / scale) for lens in own]
     textures = read_texture(coc.luma, camera, ground_y, middle, begin, part)
     # a plain ground may look as if a very fast lens had blurred it wholly
     fastest = math.inf if known.usual_slope is None else FASTEST * known.usual_slope
     slow = [lens for one in textures if (lens := one.scaled(scale)).slope <= fastest]
-    found = combined(fit, slow, middle, "the ground's texture")
+    found = combined(fit, own, slow, middle, "the ground's texture")
     if found is not None or network is None or coc.cells is None:
         return found
     patches = ground_patches(coc.cells, (width, height), camera, ground_y, middle, part)
     if len(patches.readings) and float(np.quantile(patches.readings[:, 0], 0.9)) < _SHARP:
         return None
     lenses = [one.scaled(scale) for one in read_by_network(network, patches, middle)]
-    counts = known.in_numbers or fit.sign == "assumed"
-    own = fit if counts else _of_no_weight(fit, middle)
-    return combined(own, lenses, middle, "the lens network")
-
-
-def _of_no_weight(fit: LensFit, middle: float) -> LensFit:
-    """The fit with errors beside which those of any other lens are none."""
-    return replace(
-        fit, slope_stderr=_UNKNOWN_PX / middle, intercept_stderr=_UNKNOWN_PX, correlation=0.0,
-        other=None,
-    )  # fmt: skip
+    return combined(fit, [lens_beforehand(known, fit, middle)], lenses, middle, "the lens network")
