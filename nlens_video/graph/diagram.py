@@ -11,7 +11,7 @@ from nlens_video.graph.pipeline_file import NodeSpec, PipelineFile
 
 PLATE = "plate"
 """Name of the source's frame in the diagram."""
-_UNDRAWN = ("frame", "frame_box", "following", "lens_before", "frames_fitted")  # not drawn
+_UNDRAWN = ("frame", "frame_box", "following", "lens_before", "frames_fitted")  # no edges
 
 
 class Edge(Struct, frozen=True):

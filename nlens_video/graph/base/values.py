@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from nlens_video.video.info import SourceFrame
 
 FramesFitted = Literal["one", "several"]
-"""Whether the lens of a frame is taken as it is, or compared with those of other frames.
+"""On how many frames the lens is fitted: on several, these fits are compared or pooled.
 
-It is then read off each frame in the same way, by the readings alone.
+Then each is read in the same way, off F's readings alone.
 """
 
 
@@ -63,7 +63,7 @@ class FrameValues:
             given.
         following: pictures of later frames, where the source can be read ahead; given.
         lens_before: the lens so far, on a frame of a stream whose blur differs from it; given.
-        frames_fitted: whether the lens is that of this frame, or of several that agree; given.
+        frames_fitted: whether other frames of the shot are fitted too; given.
         fit: linear lens model coc_px = slope * disparity + intercept; given, or from `found_lens`.
         plate_light: lighting of the object, estimated from the plate.
         bounds: time, camera, screen bounds and depth range of the object.
