@@ -18,8 +18,8 @@ from support.disks import why_no_mount
 from support.folders import ROOT, TESTS
 from support.hosts import bpy_python
 
-# as the command line sets it: beside another process its threads would spin
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is loaded
+# before NumPy is loaded, as on the command line: more threads spin while another process computes
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # for tests that load ONNX Runtime themselves
 SHARED = ROOT.parent / "shared"
 hypothesis.settings.register_profile("no deadline", deadline=None)  # a loaded machine is no fault

@@ -74,17 +74,17 @@ def combined(
     )
     sign, margin = _sign(whole, fit, middle)
     if sign != "resolved":
-        known = [_lens(fit), *([] if fit.other is None else [np.array(fit.other)])]
+        by_fit = [_lens(fit), *([] if fit.other is None else [np.array(fit.other)])]
         side = np.sign(best.lens @ at_object)
-        for lens in (*(pair.lens for pair in pairs), *known):
+        for lens in (*(pair.lens for pair in pairs), *by_fit):
             if np.sign(lens @ at_object) != side:
                 whole = replace(whole, other=(float(lens[0]), float(lens[1])))
                 break
     return replace(whole, sign=sign, sign_margin=margin)
 
 
-def lenses_of(fit: LensFit) -> tuple[GroundLens, ...]:
-    """The lens of a fit, and the one of the other sign where it leaves that open."""
+def lenses_of_fit(fit: LensFit) -> tuple[GroundLens, ...]:
+    """The lens of a fit, and the one of the other sign where it leaves that open, in its pixels."""
     errors = np.array([fit.slope_stderr, fit.intercept_stderr])
     correlation = np.array([[1.0, fit.correlation], [fit.correlation, 1.0]])
     covariance = np.outer(errors, errors) * correlation
@@ -98,11 +98,13 @@ def lenses_of(fit: LensFit) -> tuple[GroundLens, ...]:
 
 
 def lens_beforehand(known: LensPrior, fit: LensFit, middle: float) -> GroundLens:
-    """What is known of the lens beforehand, with errors beside which what is not known is open.
+    """What is known of the lens beforehand, in pixels of the fit's frame.
+
+    What is not known has an error of `_UNKNOWN_PX`, and so no weight.
 
     Args:
         known: perhaps nothing.
-        fit: with it; of what is not known, its lens is taken.
+        fit: its slope turns the error of the focus into one of the CoC.
         middle: disparity of the ground where the object stands [1 / scene unit].
     """
     open_ = np.diag([(middle / _UNKNOWN_PX) ** 2, _UNKNOWN_PX**-2])

@@ -12,7 +12,7 @@ from nlens_video.core.layers import Bool, CocMap, Float64
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.scene.camera import Camera
 from nlens_video.stages.texture.reading import read_texture
-from nlens_video.stages.whole_ground.combination import combined, lens_beforehand, lenses_of
+from nlens_video.stages.whole_ground.combination import combined, lens_beforehand, lenses_of_fit
 from nlens_video.stages.whole_ground.network_reading import LensNetwork, read_by_network
 from nlens_video.stages.whole_ground.patches import ground_patches
 
@@ -60,7 +60,7 @@ def combined_with_ground(
         return None
     camera = camera.resized(width, height)
     part = None if within is None else lambda x, y: within(x / width, y / height)
-    own = lenses_of(fit)
+    own = lenses_of_fit(fit)
     begin = [(lens.slope / scale, lens.intercept / scale) for lens in own]
     textures = read_texture(coc.luma, camera, ground_y, middle, begin, part)
     # a plain ground may look as if a very fast lens had blurred it wholly

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from nlens_video.core.known_lens import NO_PRIOR, Expected, LensPrior
 from nlens_video.core.lens_fit import LensFit
 from nlens_video.stages.texture.ground_lens import GroundLens
-from nlens_video.stages.whole_ground.combination import combined, lens_beforehand, lenses_of
+from nlens_video.stages.whole_ground.combination import combined, lens_beforehand, lenses_of_fit
 
 MIDDLE = 0.5
 
@@ -32,7 +32,7 @@ def by_texture(slope=20.0, intercept=-16.0, error_px=0.5, unlikelier=0.0):
 
 
 def together(fit, by_ground, middle=MIDDLE):
-    return combined(fit, lenses_of(fit), by_ground, middle, "the texture")
+    return combined(fit, lenses_of_fit(fit), by_ground, middle, "the texture")
 
 
 def coc(fit, at=MIDDLE):
@@ -101,8 +101,8 @@ def test_lens_on_the_side_that_the_user_prefers_is_taken_and_the_other_kept():
         chosen = replace(by_readings(20.0, intercept), sign="assumed")
         nothing = lens_beforehand(NO_PRIOR, chosen, MIDDLE)
         found[intercept] = combined(chosen, [nothing], lenses, MIDDLE, "a network")
-    far, near = found.values()
-    assert (coc(far), coc(near)) == pytest.approx((-5.0, 5.0), abs=1e-3)
+    near, far = found.values()  # sides of the plane in focus
+    assert (coc(near), coc(far)) == pytest.approx((-5.0, 5.0), abs=1e-3)
     assert far.other == pytest.approx((near.slope, near.intercept), abs=1e-3)
     assert near.other == pytest.approx((far.slope, far.intercept), abs=1e-3)
 
@@ -110,7 +110,7 @@ def test_lens_on_the_side_that_the_user_prefers_is_taken_and_the_other_kept():
 @pytest.mark.parametrize(
     ("known", "kept"),
     [
-        (LensPrior(intercept=Expected(0.0, 0.01)), lambda fit: fit.intercept),
+        (LensPrior(intercept=Expected(-14.0, 0.01)), lambda fit: fit.intercept + 14.0),
         (LensPrior(focus=Expected(0.8, 0.001)), lambda fit: coc(fit, 0.8)),
         (LensPrior(slope=Expected(12.0, 0.01)), lambda fit: fit.slope - 12.0),
     ],
@@ -120,11 +120,15 @@ def test_what_is_known_beforehand_is_kept_and_the_ground_tells_the_rest(known, k
     fit = by_readings(18.0, -14.0)
     own = lens_beforehand(known, fit, MIDDLE)
     both = combined(fit, [own], [by_texture(error_px=3.0)], MIDDLE, "a network")
-    if known.intercept is not None:  # in focus at infinity: more than three errors off
-        assert both is None
-        return
     assert kept(both) == pytest.approx(0.0, abs=0.1)
     assert both.coc_stderr_px(MIDDLE) <= 3.01
+
+
+def test_ground_that_contradicts_what_is_known_beforehand_is_left_out():
+    """Focused at infinity; the ground's lens is 20 and -16 with an error of 0.5 px."""
+    fit = by_readings(18.0, -14.0)
+    own = lens_beforehand(LensPrior(intercept=Expected(0.0, 0.01)), fit, MIDDLE)
+    assert combined(fit, [own], [by_texture()], MIDDLE, "a network") is None
 
 
 def test_nothing_known_leaves_the_lens_to_the_ground():
